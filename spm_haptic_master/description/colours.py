@@ -101,4 +101,6 @@ def _luminance(colour: str) -> float:
 
 def _linear(part: float) -> float:
     """Return a part of a colour, 0 .. 1, without the gamma of sRGB."""
-    return part / 12.92 if part <= 0.04045 else float(((part + 0.055) / 1.055) ** 2.4)
+    if part <= 0.04045:
+        return part / 12.92
+    return float(((part + 0.055) / 1.055) ** 2.4)

@@ -364,7 +364,10 @@ def _arc_between(
     sine = float(np.linalg.norm(across))
     angle = acos(max(-1.0, min(1.0, float(start @ end))))
     # Of no length, it has any direction.
-    x = across / sine if sine > 0.0 else onto(start)[:, 0]
+    if sine > 0.0:
+        x = across / sine
+    else:
+        x = onto(start)[:, 0]
     return _arc_bar(angle, bar).turned(np.stack([x, np.cross(start, x), start], axis=1))
 
 

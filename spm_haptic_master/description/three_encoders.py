@@ -81,7 +81,9 @@ class PoseHistory:
     @property
     def begin(self) -> int | None:
         """Stamp of the oldest pose, ns; None without a pose."""
-        return self._poses[0].stamp if self._poses else None
+        if self._poses:
+            return self._poses[0].stamp
+        return None
 
     def add(self, stamp: int, angles: Sequence[float]) -> None:
         """Add the angles of all nine joints, rad, at a stamp, ns; an earlier stamp restarts."""
@@ -147,7 +149,9 @@ class ThreeEncoders:
     @property
     def error(self) -> float | None:
         """Angle between its orientation and the published one, rad; None without readings."""
-        return None if self.turn is None else angle_of(self.turn)
+        if self.turn is None:
+            return None
+        return angle_of(self.turn)
 
     def add_pose(self, stamp: int, angles: Sequence[float]) -> None:
         """
@@ -199,7 +203,10 @@ class ThreeEncoders:
 
         """
         waiting = self._waiting
-        pose = None if waiting is None else self._poses.at(waiting.stamp)
+        if waiting is None:
+            pose = None
+        else:
+            pose = self._poses.at(waiting.stamp)
         if waiting is None or pose is None:
             return
         self._waiting = None

@@ -416,4 +416,6 @@ def foxglove_layout(template: str, namespace: str) -> str:
         The layout, with the namespace before its topics, nodes and frames.
 
     """
-    return BEFORE.sub(lambda match: f'{match[0]}{namespace}/', template) if namespace else template
+    if namespace:
+        return BEFORE.sub(lambda match: f'{match[0]}{namespace}/', template)
+    return template

@@ -77,7 +77,9 @@ class HeardFrame:
     @property
     def rate(self) -> float:
         """Mean rate from the first to the latest frame, Hz."""
-        return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
+        if self.last > self.first:
+            return (self.count - 1) / (self.last - self.first)
+        return 0.0
 
 
 @dataclass(slots=True)
@@ -118,7 +120,9 @@ class HeardNode:
     def devices(self) -> int:
         """Return how many devices have this node id: one answers a request once."""
         answers = (self.answers[key] // max(1, self.requests[key]) for key in self.answers)
-        return max(1, len(self.serials), *answers) if self.answers else 1
+        if self.answers:
+            return max(1, len(self.serials), *answers)
+        return 1
 
     @property
     def heartbeat_period(self) -> float | None:
@@ -192,7 +196,9 @@ class BusScan:
     @property
     def master_sync(self) -> HeardFrame | None:
         """Return the SYNC frames of a master on the bus, None if there is none."""
-        return None if self.sync_id is None else self.frames.get((False, self.sync_id))
+        if self.sync_id is None:
+            return None
+        return self.frames.get((False, self.sync_id))
 
     @property
     def master_rate(self) -> float:
@@ -202,7 +208,10 @@ class BusScan:
         A busy machine loses SYNCs or reads them late: each time between two counts as the number
         of typical times that it is nearest to, with half of what the one before was longer.
         """
-        typical = median(self._sync_intervals) if self._sync_intervals else 0.0
+        if self._sync_intervals:
+            typical = median(self._sync_intervals)
+        else:
+            typical = 0.0
         if typical <= 0.0:
             return 0.0
         cycles = 0
@@ -386,7 +395,10 @@ class BusScanner:
             The bus cannot be read; python-can raises one of BUS_ERRORS.
 
         """
-        requests = self._identity_requests() if ask else iter(())
+        if ask:
+            requests = self._identity_requests()
+        else:
+            requests = iter(())
         self._progress.is_due(time.monotonic())
         for now, left in self._run(seconds, requests, start):
             if self._progress.is_due(now):

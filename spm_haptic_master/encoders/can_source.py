@@ -94,11 +94,10 @@ class CanSource(EncoderSource):
         self._backoff = REOPEN_FIRST
         self._retry_at = 0.0
         self._opened = 0
-        self._sync = (
-            None
-            if produce is None or decoder.sync_id is None
-            else SyncProducer(self._send, decoder.sync_id, produce)
-        )
+        if produce is None or decoder.sync_id is None:
+            self._sync = None
+        else:
+            self._sync = SyncProducer(self._send, decoder.sync_id, produce)
         # Held to send: the SYNC thread and the reading thread both do.
         self._sending = threading.Lock()
         self._send_error: str | None = None  # of the latest send
@@ -145,7 +144,10 @@ class CanSource(EncoderSource):
         deadline = time.monotonic() + timeout
         readings = self._decoder.readings
         while not (self._ready or readings) and (now := time.monotonic()) <= deadline:
-            bus = self._open(now) if self._bus is None else self._bus
+            if self._bus is None:
+                bus = self._open(now)
+            else:
+                bus = self._bus
             if bus is None:
                 time.sleep(max(0.0, min(self._retry_at, deadline) - now))
                 continue
@@ -155,7 +157,9 @@ class CanSource(EncoderSource):
                 if self._bus is None:
                     continue
             self._receive(bus, min(deadline, self._poll_at) - now)
-        return self._ready.popleft() if self._ready else None
+        if self._ready:
+            return self._ready.popleft()
+        return None
 
     def _receive(self, bus: can.BusABC, timeout: float) -> None:
         """Take the next frame within `timeout`, s; a bus that fails is closed."""
@@ -220,11 +224,9 @@ class CanSource(EncoderSource):
             )
         if refused := self._send_error:
             return f'sending: {refused}'
-        return (
-            'this machine is too busy to make it in time'
-            if self._sync.producing
-            else 'listening for another master first'
-        )
+        if self._sync.producing:
+            return 'this machine is too busy to make it in time'
+        return 'listening for another master first'
 
     @property
     def caution(self) -> str | None:
@@ -236,7 +238,9 @@ class CanSource(EncoderSource):
     @property
     def lost(self) -> float:
         """Time by which the thread of SYNC has missed its deadlines, s."""
-        return self._sync.lost if self._sync else 0.0
+        if self._sync:
+            return self._sync.lost
+        return 0.0
 
     def statistics(self) -> dict[str, object]:
         """Return the counters and figures of the decoder, the bus and SYNC."""

@@ -213,7 +213,9 @@ def frame_name(identifier: int) -> str | None:
 def reserved_for(identifier: int) -> str | None:
     """Return what CANopen uses an 11-bit identifier for, None if a PDO may have it."""
     name = frame_name(identifier)
-    return None if name is None or name.startswith('TPDO') else name
+    if name is None or name.startswith('TPDO'):
+        return None
+    return name
 
 
 def frame(identifier: int, data: bytes = b'', stamp: float = 0.0) -> can.Message:
@@ -419,7 +421,10 @@ def sdo_value(data: bytes | bytearray) -> int | None:
     if data[0] & 0xE2 != 0x42:
         return None
     # Bit 0 set: bits 2 and 3 hold the number of unused bytes.
-    unused = data[0] >> 2 & 3 if data[0] & 1 else 0
+    if data[0] & 1:
+        unused = data[0] >> 2 & 3
+    else:
+        unused = 0
     return int.from_bytes(data[4 : SDO_LENGTH - unused], 'little')
 
 

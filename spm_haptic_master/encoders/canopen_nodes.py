@@ -91,7 +91,9 @@ class Node:
     def down(self) -> str | None:
         """Return the word for its NMT state by its latest message, None if it is operational."""
         state = self.state
-        return None if state in (None, canopen.OPERATIONAL) else canopen.state_word(state)
+        if state in (None, canopen.OPERATIONAL):
+            return None
+        return canopen.state_word(state)
 
     def caution(self, now: float) -> str | None:
         """
@@ -113,7 +115,9 @@ class Node:
             return emergency
         if register := self.register:
             return canopen.register_words(register)
-        return 'heartbeat lost' if self._lost(self.heard, now) else None
+        if self._lost(self.heard, now):
+            return 'heartbeat lost'
+        return None
 
     def caution_with_sync(self, now: float) -> str | None:
         """Return the caution, and that the node supervises SYNC."""
@@ -141,13 +145,16 @@ class Node:
         """Return its state for diagnostics."""
         state = self.state
         heard = self.heard
-        words = 'unknown' if state is None else canopen.state_word(state)
-        heartbeat = (
-            'no heartbeat yet'
-            if heard is None
-            else f'heartbeat {1e3 * (now - heard):.0f} ms ago'
-            + (' (lost)' if self._lost(heard, now) else '')
-        )
+        if state is None:
+            words = 'unknown'
+        else:
+            words = canopen.state_word(state)
+        if heard is None:
+            heartbeat = 'no heartbeat yet'
+        else:
+            heartbeat = f'heartbeat {1e3 * (now - heard):.0f} ms ago'
+            if self._lost(heard, now):
+                heartbeat += ' (lost)'
         return {
             f'{self.joint} node {self.node_id}': f'{words}, {heartbeat}',
             f'{self.joint} boot-ups': self.boot_ups,
@@ -432,12 +439,10 @@ class CanopenNodes:
     def others_text(self) -> str:
         """Return in words that other nodes are on the bus; empty if there are none."""
         others = sorted(self._others - self._known)
-        return (
-            (
+        if others:
+            return (
                 '; on the bus, and not in encoders.node_id: '
                 + ', '.join(map(str, others))
                 + ' (can_scan prints the lines for rig.yaml)'
             )
-            if others
-            else ''
-        )
+        return ''

@@ -112,7 +112,9 @@ def smaller_resolution(angles: NDArray[np.float64], counts_per_turn: Sequence[in
         return None
     largest = int(np.max(np.round(angles % TURN * np.array(counts_per_turn) / TURN)))
     smaller = 1 << max(1, largest).bit_length()
-    return smaller if 2 * smaller <= min(counts_per_turn) else None
+    if 2 * smaller <= min(counts_per_turn):
+        return smaller
+    return None
 
 
 class CountsWatch:

@@ -209,7 +209,10 @@ def _word(signal: Any) -> tuple[int, int, int]:
     first, bit = divmod(signal.start, 8)
     before = bit if signal.byte_order == 'little_endian' else 7 - bit
     size = -(-(before + signal.length) // 8)
-    shift = before if signal.byte_order == 'little_endian' else 8 * size - before - signal.length
+    if signal.byte_order == 'little_endian':
+        shift = before
+    else:
+        shift = 8 * size - before - signal.length
     mask = ((1 << signal.length) - 1) << shift
     return first, 8 * size, 0 if signal.length == 8 * size else mask
 

@@ -115,7 +115,10 @@ def _check_axes(
     taken[sync_id] = 'SYNC'
     is_canopen = values['can.protocol'] == 'canopen'
     joints = [layout.joint for layout in layouts]
-    nodes = dict(zip(values['encoders.node_id'], joints, strict=True)) if is_canopen else {}
+    if is_canopen:
+        nodes = dict(zip(values['encoders.node_id'], joints, strict=True))
+    else:
+        nodes = {}
     for axis in axes:
         _check_layout(axis, values)
         _take(taken, axis.layout.can_id, f'{axis.name}.id', 'an identifier')
@@ -272,8 +275,14 @@ def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
     tables = encoders.TABLE_SETTINGS[: values['sensors']]
     found: list[Harmonics | None] = []
     for index, ((cosine, sine), setting) in enumerate(zip(first, tables, strict=True)):
-        table = () if values[setting.name] == (0.0,) else values[setting.name]
-        name = setting.name if any(table) else first_settings[0 if cosine else 1].name
+        if values[setting.name] == (0.0,):
+            table = ()
+        else:
+            table = values[setting.name]
+        if any(table):
+            name = setting.name
+        else:
+            name = first_settings[0 if cosine else 1].name
         if not (cosine or sine or table):
             found.append(None)
             continue

@@ -146,7 +146,9 @@ class DeviceDescription:
 
         def sized(each: WantedObject) -> WantedObject:
             found = self.find(*each.key)
-            return each if found is None else replace(each, size=found.size)
+            if found is None:
+                return each
+            return replace(each, size=found.size)
 
         return replace(
             wanted,
@@ -196,7 +198,10 @@ class DeviceDescription:
         defaults = Comparison(wanted, {each.key: self._default(each.key) for each in wanted.every})
         if wanted.rules:
             defaults = replace(defaults, wanted=wanted.rules.adapted(wanted, defaults.value))
-        excused = wanted.rules.excused(defaults.value) if wanted.rules else set()
+        if wanted.rules:
+            excused = wanted.rules.excused(defaults.value)
+        else:
+            excused = set()
         lines = []
         for each in defaults.wanted.every:
             found = self.find(*each.key)
@@ -225,7 +230,9 @@ def _obstacle(wanted: WantedObject, found: DescribedObject | None) -> str | None
         # Without a default value only the device can answer.
         return None if found.default is None else f'{found.access}, {wanted.shown(found.default)}'
     written = wanted.changed(found.default or 0)
-    return None if found.takes(written) else f'takes {found.words}'
+    if found.takes(written):
+        return None
+    return f'takes {found.words}'
 
 
 def _number(*values: object) -> int | None:

@@ -199,7 +199,9 @@ class EncoderLayout:
             if value >> mask.bit_count() - 1:
                 value -= 1 << mask.bit_count()
             # Half a turn in either direction, inclusive: -180.0 and 180.0 deg both occur.
-            return value if 2 * abs(value) <= self.counts_per_turn else None
+            if 2 * abs(value) <= self.counts_per_turn:
+                return value
+            return None
         return value if value < self.counts_per_turn else None
 
     def healthy(self, data: bytes | bytearray) -> bool:
@@ -255,7 +257,9 @@ class EncoderLayout:
             return angle_from_counts(counts, self.zero_count, self.direction, per_turn)
         turns = (self.direction * (counts - self.zero_count)) % per_turn
         angle = turns * TURN / per_turn + self.harmonics.corrections[turns * KNOTS // per_turn]
-        return angle - TURN if angle > math.pi else angle
+        if angle > math.pi:
+            return angle - TURN
+        return angle
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
         """
@@ -287,7 +291,10 @@ class EncoderLayout:
         start = self.byte_offset
         data[start : start + self.byte_length] = word.to_bytes(self.byte_length, self.byte_order)
         if self.status_mask:
-            status = self.status_good if healthy else ~self.status_good & self.status_mask
+            if healthy:
+                status = self.status_good
+            else:
+                status = ~self.status_good & self.status_mask
             data[self.status_byte] |= status
         if self.counter_mask:
             data[self.counter_byte] |= counter % self.counter_modulus << lowest_bit(

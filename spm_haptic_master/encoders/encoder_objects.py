@@ -70,7 +70,9 @@ class EncoderRules:
         scaled = operating is None or bool(operating & canopen.SCALING_ON)
         units = value(*canopen.UNITS_PER_TURN)
         disc = value(*canopen.DISC_UNITS_PER_TURN)
-        return disc if units is None or not scaled else units
+        if units is None or not scaled:
+            return disc
+        return units
 
     def excused(self, value: Present) -> set[Key]:
         """
@@ -216,8 +218,14 @@ def wanted_objects(
     """
     base = layout.can_id - node_id
     known = not layout.extended and base in canopen.TPDO_BASES
-    number = canopen.TPDO_BASES.index(base) if known else 0
-    timer = 0 if sync_id is not None else milliseconds('1 / rate', period)
+    if known:
+        number = canopen.TPDO_BASES.index(base)
+    else:
+        number = 0
+    if sync_id is not None:
+        timer = 0
+    else:
+        timer = milliseconds('1 / rate', period)
     event_timer = canopen.TPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER
     return WantedObjects(
         pdos=(_position_pdo(layout, number, sync_id is not None, timer),),

@@ -253,9 +253,10 @@ class FrameDecoder:
         }
         if not troubles:
             return self.assembler.cause
-        others = (
-            self.network.others_text() if self.network and 'no frames' in troubles.values() else ''
-        )
+        if self.network and 'no frames' in troubles.values():
+            others = self.network.others_text()
+        else:
+            others = ''
         if len(troubles) == len(self.encoders) and len(set(troubles.values())) == 1:
             return f'all encoders silent ({next(iter(troubles.values()))}){others}'
         return (
@@ -291,9 +292,10 @@ class FrameDecoder:
 
     def _cautions_by_joint(self, now: float) -> dict[int, str]:
         """Return what is wrong with the encoders of joints, by index, at a time, s."""
-        reasons = (
-            self.network.by_joint(lambda node: self._concern(node, now)) if self.network else {}
-        )
+        if self.network:
+            reasons = self.network.by_joint(lambda node: self._concern(node, now))
+        else:
+            reasons = {}
         # Copied in one step: another thread changes it.
         reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
         for index in range(len(self.encoders)):
@@ -330,9 +332,10 @@ class FrameDecoder:
         for encoder, missed in zip(self.encoders, assembler.missed, strict=True):
             joint = encoder.layout.joint
             found[f'{joint} frame rate (Hz)'] = encoder.frames.rate()
-            found[f'{joint} age (ms)'] = (
-                'never heard' if encoder.heard is None else 1e3 * (now - encoder.heard)
-            )
+            if encoder.heard is None:
+                found[f'{joint} age (ms)'] = 'never heard'
+            else:
+                found[f'{joint} age (ms)'] = 1e3 * (now - encoder.heard)
             found[f'{joint} counts'] = 'none yet' if encoder.counts is None else encoder.counts
             found[f'{joint} missed cycles'] = missed
         if self.network:
@@ -371,7 +374,9 @@ class FrameDecoder:
         """Return why an answer of a joint's node is not a reading, None if it is one."""
         if self.network is None:
             return None
-        return self.network.nodes[index].unfit(now) if self._emcy_stops else None
+        if self._emcy_stops:
+            return self.network.nodes[index].unfit(now)
+        return None
 
     def _concern(self, node: Node, now: float) -> str | None:
         """Return what is wrong with a node although sets come."""

@@ -274,18 +274,20 @@ class LogFile:
         expected = EXPECTED[self._suffix]
         if damaged:
             return f'its data are damaged; expected {expected}'
-        reason = 'it is cut' if isinstance(error, struct.error) else str(error).partition('\n')[0]
+        if isinstance(error, struct.error):
+            reason = 'it is cut'
+        else:
+            reason = str(error).partition('\n')[0]
         return f'{reason}; expected {expected}'
 
     def _trouble_of_line(self) -> str:
         """Return the line that cannot be read, and how to remove it if it is the last one."""
         quoted = self._line.rstrip('\r\n')
         dots = ' ...' if len(quoted) > QUOTED else ''
-        cure = (
-            ''
-            if self._line.endswith('\n')
-            else f'; it is the last line: `sed -i "$ d" {self.path.name}` removes it'
-        )
+        if self._line.endswith('\n'):
+            cure = ''
+        else:
+            cure = f'; it is the last line: `sed -i "$ d" {self.path.name}` removes it'
         return (
             f'line {self._number} is {quoted[:QUOTED]!r}{dots}; expected '
             f'{EXPECTED[self._suffix]}{cure}'

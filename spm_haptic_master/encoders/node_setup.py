@@ -80,8 +80,14 @@ class WantedObject:
 
     def difference(self, present: int | None) -> str:
         """Return the object, a value that is not as configured, and the wanted one, in words."""
-        shown = 'missing' if present is None else self.shown(present & self.mask)
-        wanted = self.shown(self.value) if self.mask else 'any value'
+        if present is None:
+            shown = 'missing'
+        else:
+            shown = self.shown(present & self.mask)
+        if self.mask:
+            wanted = self.shown(self.value)
+        else:
+            wanted = 'any value'
         return f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, wanted {wanted}'
 
     def shown(self, value: int) -> str:
@@ -290,7 +296,10 @@ class Comparison:
     def different(self) -> dict[WantedObject, int | None]:
         """Return the objects that are not as wanted, and their values."""
         rules = self.wanted.rules
-        excused = rules.excused(self.value) if rules else set()
+        if rules:
+            excused = rules.excused(self.value)
+        else:
+            excused = set()
         return {
             each: self.values[each.key]
             for each in self.wanted.every
@@ -336,7 +345,10 @@ class Comparison:
 
         """
         rules = self.wanted.rules
-        hint = rules.hint(key, self.value) if rules else ''
+        if rules:
+            hint = rules.hint(key, self.value)
+        else:
+            hint = ''
         return f'; {hint}' if hint else ''
 
 
@@ -365,7 +377,9 @@ def compare(node: Node, wanted: WantedObjects) -> Comparison:
 
 def _read(node: Node, wanted: WantedObject) -> int | None:
     """Return the value of an object; for an optional one, None also where it is refused."""
-    return _read_optional(node, wanted.key) if wanted.optional else node.read(*wanted.key)[0]
+    if wanted.optional:
+        return _read_optional(node, wanted.key)
+    return node.read(*wanted.key)[0]
 
 
 def _read_optional(node: Node, key: Key) -> int | None:

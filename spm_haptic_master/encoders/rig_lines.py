@@ -90,7 +90,10 @@ def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
 def _of_bus(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
     """Return the lines of the rate and of the bus."""
     # One SYNC has no rate.
-    rate = round_rate(scan.master_rate) if scan.master_rate else expected.rate
+    if scan.master_rate:
+        rate = round_rate(scan.master_rate)
+    else:
+        rate = expected.rate
     sync = 'produce' if scan.master_sync is None else 'consume'
     return [f'    rate: {rate!r}', f'    can: {{{given.text}, sync: {sync}}}']
 

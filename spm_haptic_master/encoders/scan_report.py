@@ -117,7 +117,9 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
 
 def _frame_name(extended: bool, identifier: int) -> str:
     """Return the name of a frame that is not configured."""
-    return '29-bit frame' if extended else canopen.frame_name(identifier) or 'foreign'
+    if extended:
+        return '29-bit frame'
+    return canopen.frame_name(identifier) or 'foreign'
 
 
 def _node_words(node: HeardNode) -> str:
@@ -184,7 +186,10 @@ def _other_problems(scan: BusScan, expected: Expected) -> list[str]:
     found = []
     for node_id, name in expected.others.items():
         node = scan.nodes.get(node_id)
-        words = ['not heard'] if node is None else list(node.emergencies)
+        if node is None:
+            words = ['not heard']
+        else:
+            words = list(node.emergencies)
         found += [f'{name}: {word}' for word in words]
     return found
 
@@ -263,7 +268,10 @@ def _encoder_problems(
     identifier = f'0x{layout.can_id:X}'
     key = layout.extended, layout.can_id
     heard = scan.frames.get(key)
-    node = None if node_id is None else scan.nodes.get(node_id)
+    if node_id is None:
+        node = None
+    else:
+        node = scan.nodes.get(node_id)
     found = []
     if heard is None:
         found.append(f'{identifier} missing{_missing_because(scan, layout, node_id)}')
@@ -290,7 +298,10 @@ def _node_problems(
     if register := node.objects.get(canopen.ERROR_REGISTER):
         found.append(canopen.register_words(register))
     # An axis may be a linear encoder, whose counts are none per turn.
-    counts = resolution(node, layout) if layout in expected.layouts else None
+    if layout in expected.layouts:
+        counts = resolution(node, layout)
+    else:
+        counts = None
     if counts not in (None, layout.counts_per_turn):
         found.append(
             f'it has {counts} counts per turn, encoders.counts_per_turn is '
@@ -418,7 +429,10 @@ SYNC_NEEDED = (
 
 def remark_on_phases(scan: BusScan, expected: Expected) -> str | None:
     """Return the phases of encoders without SYNC that make sets at present; None with SYNC."""
-    found = {} if scan.sync_id is not None else phases(scan, expected)
+    if scan.sync_id is not None:
+        found = {}
+    else:
+        found = phases(scan, expected)
     if not found or _phase_problem(scan, expected):
         return None
     return f'{_phases_text(found, expected)} at present. {SYNC_NEEDED}'

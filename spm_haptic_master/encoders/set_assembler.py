@@ -225,7 +225,10 @@ class SetAssembler:
             The set that it completes, or whose cycle it ends.
 
         """
-        ended = None if self._synchronised else self._begin_without_sync(index, stamp)
+        if self._synchronised:
+            ended = None
+        else:
+            ended = self._begin_without_sync(index, stamp)
         cycle = self._cycle
         if cycle is None:
             self.counters['rejected: before the first SYNC'] += 1
@@ -260,7 +263,9 @@ class SetAssembler:
 
     def _begin_without_sync(self, index: int, stamp: float) -> JointSample | None:
         """Open a cycle with a frame that is none of the open one; return the set of that."""
-        return None if self._belongs(index, stamp) else self.begin(stamp)
+        if self._belongs(index, stamp):
+            return None
+        return self.begin(stamp)
 
     def _belongs(self, index: int, stamp: float) -> bool:
         """Return whether a frame without SYNC is one of the open cycle."""
@@ -430,7 +435,10 @@ class SetAssembler:
             Its set, if that has not gone out and can be made.
 
         """
-        surplus = self._pay(cycle, end) if self._synchronised else set()
+        if self._synchronised:
+            surplus = self._pay(cycle, end)
+        else:
+            surplus = set()
         self.absent -= cycle.returned.keys()
         sample = None
         if not cycle.done:

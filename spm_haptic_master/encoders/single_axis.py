@@ -173,14 +173,20 @@ class SingleAxis:
             The reason, with the name of the axis; None if there is a reading.
 
         """
-        heard = None if self.latest is None else self.latest[0]
+        if self.latest is None:
+            heard = None
+        else:
+            heard = self.latest[0]
         if heard is not None and abs(now - heard) <= MISSING_PERIODS * self._period:
             return None
         refused = self.encoder.refused
         recent = refused is not None and abs(now - refused[0]) <= MISSING_PERIODS * self._period
         if self._reason and (recent or self._is_heard(now)):
             return f'{self.name}: {self._reason}'
-        trouble = self.node.trouble(now) if self.node else None
+        if self.node:
+            trouble = self.node.trouble(now)
+        else:
+            trouble = None
         return f'{self.name} missing ({trouble or "no frames"})'
 
     def _is_heard(self, now: float) -> bool:
@@ -233,7 +239,10 @@ def _axis(name: str, values: Values, timeout: float) -> SingleAxis:
         return int(values[f'{name}.{setting}'])
 
     bits = value('mask').bit_count() or value('bit_length')
-    turn = values['gripper.counts_per_turn'] if name == GRIPPER else 1 << bits
+    if name == GRIPPER:
+        turn = values['gripper.counts_per_turn']
+    else:
+        turn = 1 << bits
     layout = EncoderLayout(
         joint=name,
         can_id=value('id'),
@@ -259,7 +268,10 @@ def _axis(name: str, values: Values, timeout: float) -> SingleAxis:
     setting = 'insertion.range' if name == INSERTION else 'gripper.range_deg'
     if not least < greatest:
         raise SettingError(setting, [least, greatest], 'the lesser value first')
-    node = Node(name, value('node_id'), timeout) if value('node_id') else None
+    if value('node_id'):
+        node = Node(name, value('node_id'), timeout)
+    else:
+        node = None
     period = 1.0 / values['rate']
     if name == INSERTION:
         scale = turn / TURN / values['insertion.counts_per_metre']

@@ -165,7 +165,9 @@ class SyncProducer:
 
         """
         # Echoes, if there are any, open the cycles.
-        return self._due(stamp) if self.producing and not self._echoed.is_set() else []
+        if self.producing and not self._echoed.is_set():
+            return self._due(stamp)
+        return []
 
     def _due(self, stamp: float) -> list[float]:
         """Remove and return the times of the SYNCs sent up to `stamp`, s."""
@@ -280,14 +282,12 @@ class SyncRate:
     def text(self) -> str | None:
         """Return that the rate is another one, in words; None if it is not."""
         measured = self.measured
+        if measured is None:
+            return None
         return (
-            None
-            if measured is None
-            else (
-                f'SYNC comes at {measured:.0f} Hz, rate is {1.0 / self._period:g} Hz: give '
-                'rate, as '
-                'it is on the bus, to all nodes (can_scan prints it)'
-            )
+            f'SYNC comes at {measured:.0f} Hz, rate is {1.0 / self._period:g} Hz: give '
+            'rate, as '
+            'it is on the bus, to all nodes (can_scan prints it)'
         )
 
     def _begin(self, stamp: float) -> None:

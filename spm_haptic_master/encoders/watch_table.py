@@ -65,7 +65,12 @@ def _reading(scan: BusScan, watch: CountsWatch) -> list[str]:
 def _register(scan: BusScan, node_id: int) -> str:
     """Return the error register of a node, as it was read."""
     node = scan.nodes.get(node_id)
-    value = None if node is None else node.objects.get(canopen.ERROR_REGISTER)
+    if node is None:
+        value = None
+    else:
+        value = node.objects.get(canopen.ERROR_REGISTER)
     if value is None:
         return 'error register not read'
-    return canopen.register_words(value) if value else 'error register 0x00'
+    if value:
+        return canopen.register_words(value)
+    return 'error register 0x00'

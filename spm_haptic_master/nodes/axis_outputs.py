@@ -92,7 +92,10 @@ class AxisOutputs:
         """
         starting = time.monotonic() - self._began < START_GRACE
         for axis in self._axes:
-            fault = None if starting and axis.latest is None else axis.fault(now)
+            if starting and axis.latest is None:
+                fault = None
+            else:
+                fault = axis.fault(now)
             level, text = (OK, PUBLISHING) if fault is None else (ERROR, fault)
             status = self._statuses[axis.name]
             if not status.is_due(level, text):

@@ -115,7 +115,9 @@ class Levels:
         """
         self.level = self._next(in_use, self.level)
         self._of_three = self._next(three, self._of_three)
-        return COVERED_TEXTS[self._of_three] if self.level == OK else TEXTS[self.level]
+        if self.level == OK:
+            return COVERED_TEXTS[self._of_three]
+        return TEXTS[self.level]
 
     def _next(self, eta: float, before: bytes) -> bytes:
         """Return the level at a dexterity, by the level before: it is left above its threshold."""
@@ -228,7 +230,10 @@ class Diagnostics(ParameterNode):
             for index, name in enumerate(ALL_JOINT_NAMES[: self.sensors])
             if name in state.left_out
         )
-        self._unknown_state = '' if read_state(message.data) else state.text
+        if read_state(message.data):
+            self._unknown_state = ''
+        else:
+            self._unknown_state = state.text
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
         """
@@ -330,7 +335,9 @@ class Diagnostics(ParameterNode):
         # Any node may publish on the topic.
         if not abs(sum(each * each for each in quaternion) - 1.0) < UNIT_TOLERANCE:
             return None
-        return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
+        if self._mounting is None:
+            return quaternion
+        return self._mounting.unmounted(quaternion)
 
     def _figures(self, quaternion: Quaternion[float], dexterities: Nearness) -> dict[str, object]:
         """

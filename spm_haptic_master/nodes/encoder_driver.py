@@ -133,9 +133,9 @@ class EncoderDriver(ParameterNode):
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
         # Stamp of the latest set on `readings`, ns.
         self._read_at = 0
-        self._simulation = (
-            SimulationControl(self, self._source) if isinstance(self._source, SimSource) else None
-        )
+        self._simulation: SimulationControl | None = None
+        if isinstance(self._source, SimSource):
+            self._simulation = SimulationControl(self, self._source)
         self._rivals = Rivals(self, 'measured_js')
         self.overload = Overload(CHECK_PERIOD)
         # Time that the source had lost at the last report, s.
@@ -313,12 +313,16 @@ class EncoderDriver(ParameterNode):
             return WARN, 'waiting for a listener'
         if fault:
             starting = self._is_starting(now)
-            return (WARN, f'starting: {fault}') if starting else (ERROR, fault)
+            if starting:
+                return (WARN, f'starting: {fault}')
+            return (ERROR, fault)
         # What an engineer should investigate although samples come.
         cautions = [caution] if caution else []
         if self._unverified:
             cautions.append(f'direction not verified: {", ".join(self._unverified)}')
-        return (WARN, '; '.join(cautions)) if cautions else (OK, PUBLISHING)
+        if cautions:
+            return (WARN, '; '.join(cautions))
+        return (OK, PUBLISHING)
 
 
 def _drives_beside(parameters: Parameters, values: Values) -> tuple[int, ...]:
@@ -345,11 +349,9 @@ def _drives_beside(parameters: Parameters, values: Values) -> tuple[int, ...]:
         _, drives = resolve(given, (*DRIVE_SETTINGS, RATE_SETTING))
     except SettingError:
         return ()  # fkm, which has these settings, refuses them
-    return (
-        (*drives['drives.node_id'], drives['drives.master_id'])
-        if is_shared(drives, values)
-        else ()
-    )
+    if is_shared(drives, values):
+        return (*drives['drives.node_id'], drives['drives.master_id'])
+    return ()
 
 
 def _gripper_rate(parameters: Parameters, axes: tuple[SingleAxis, ...]) -> float:

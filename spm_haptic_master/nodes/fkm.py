@@ -171,7 +171,9 @@ class Fkm(ParameterNode):
     @property
     def force_state(self) -> ForceState | None:
         """State of the force feedback, as on the topic `force_state`; None without."""
-        return None if self._force is None else self._force.state
+        if self._force is None:
+            return None
+        return self._force.state
 
     def destroy_node(self) -> None:
         """
@@ -342,7 +344,10 @@ class Fkm(ParameterNode):
         state, text = self._explained(found)
         self.status.publish(state, text, self.protection_level)
         # Each state between two polls is announced, but where overload explains the last one.
-        announced = changes if changes and state is changes[-1] else [state]
+        if changes and state is changes[-1]:
+            announced = changes
+        else:
+            announced = [state]
         for each in announced:
             self._announce(each)
 

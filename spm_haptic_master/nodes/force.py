@@ -233,10 +233,14 @@ class Force:
         """Return the state of all drives, by their latest report."""
         report = self._report
         if report is None:
-            return Drives.OPERATING if self._drives is None else Drives.OFF
+            if self._drives is None:
+                return Drives.OPERATING
+            return Drives.OFF
         if report.fault is not None:
             return Drives.FAULT
-        return Drives.OPERATING if report.ready else Drives.OFF
+        if report.ready:
+            return Drives.OPERATING
+        return Drives.OFF
 
     def _command(self, output: ForceOutput) -> None:
         """Pass the torques to the drives: none after a fault that ends all."""
@@ -280,7 +284,10 @@ class Force:
 
         """
         report = self._report
-        torques = self._output.motor_torque if report is None else report.torques
+        if report is None:
+            torques = self._output.motor_torque
+        else:
+            torques = report.torques
         return [*torques, *[0.0] * (self._sensors - len(torques))]
 
     def acknowledge(self) -> str:
@@ -355,7 +362,10 @@ class Force:
         if state.condition is not Condition.FAULT:
             return
         fault = drive_fault(report)
-        detail = f'; {fault}' if state.why is Reason.DRIVE and fault else ''
+        if state.why is Reason.DRIVE and fault:
+            detail = f'; {fault}'
+        else:
+            detail = ''
         self._warn(f'force feedback: {state.text}{detail}')
 
 

@@ -228,7 +228,9 @@ class ForceInputs:
     def age(self) -> float | None:
         """Return the age of the latest wrench, s; None before the first."""
         wrench = self._wrench
-        return None if wrench is None else (self._now() - wrench.received) / SECOND
+        if wrench is None:
+            return None
+        return (self._now() - wrench.received) / SECOND
 
     @property
     def caution(self) -> str:

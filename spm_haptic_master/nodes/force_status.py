@@ -78,7 +78,10 @@ class ForceStatus:
         self, output: ForceOutput, quaternion: Quaternion[float] | None
     ) -> dict[str, object]:
         """Return keys and values of the entry."""
-        weakness = None if quaternion is None else self._controller.weakness(quaternion)
+        if quaternion is None:
+            weakness = None
+        else:
+            weakness = self._controller.weakness(quaternion)
         age = self._inputs.age()
         return {
             'torque asked of the handle (N m)': hypot(*output.asked),
@@ -97,7 +100,9 @@ class ForceStatus:
 
 def drive_fault(report: DriveReport | None) -> str:
     """Return the fault that the drives report; empty without one."""
-    return '' if report is None or report.fault is None else report.fault
+    if report is None or report.fault is None:
+        return ''
+    return report.fault
 
 
 def _summary(output: ForceOutput) -> str:

@@ -61,7 +61,9 @@ class JointReader:
             return self._read_any(data)
         if order != LITTLE_ENDIAN or repeated != self._repeated or rest != NOTHING_ELSE:
             return self._read_any(data)
-        return (seconds * SECOND + nanoseconds, position) if isfinite(position) else None
+        if isfinite(position):
+            return (seconds * SECOND + nanoseconds, position)
+        return None
 
     def _read_any(self, data: bytes) -> tuple[int, float] | None:
         """Read a message of any layout, and expect the layout of its publisher from now on."""
@@ -72,7 +74,9 @@ class JointReader:
             return None
         position = float(message.position[0])
         stamp = message.header.stamp
-        return (stamp.sec * SECOND + stamp.nanosec, position) if isfinite(position) else None
+        if isfinite(position):
+            return (stamp.sec * SECOND + stamp.nanosec, position)
+        return None
 
     def _arrange(self, frame_id: str) -> None:
         """Have the layout of messages with a frame_id."""

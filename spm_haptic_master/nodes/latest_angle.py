@@ -51,4 +51,6 @@ class LatestAngle:
 
         """
         angle, came_at = self._latest
-        return angle if came_at >= 0.0 and now - came_at <= self._timeout else None
+        if came_at >= 0.0 and now - came_at <= self._timeout:
+            return angle
+        return None

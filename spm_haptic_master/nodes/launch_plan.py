@@ -174,7 +174,10 @@ def plan(
     given = Parameters(paths, given_words, own)
     _check_values(given, nodes)
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
-    by_process = {'master': nodes} if composed else {node: (node,) for node in nodes}
+    if composed:
+        by_process = {'master': nodes}
+    else:
+        by_process = {node: (node,) for node in nodes}
     processes = []
     for executable, of_process in by_process.items():
         arguments = _file_words(paths, own, of_process)
@@ -264,7 +267,10 @@ def rviz_config(template: str, namespace: str) -> str:
 
 def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str]) -> list[str]:
     """Return the arguments of a process beside its files: parameters, and topics of `teleop`."""
-    words = ['-p', *source] if source and PIPELINE[0] in names else []
+    if source and PIPELINE[0] in names:
+        words = ['-p', *source]
+    else:
+        words = []
     if follower is None or FOLLOWER not in names:
         return words
     if len(names) > 1:
@@ -389,7 +395,9 @@ def check_installed(package: str, cure: str) -> None:
 
 def _namespace(namespace: str) -> list[str]:
     """Return the remapping to a namespace; nothing for none."""
-    return [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
+    if namespace.strip('/'):
+        return [f'__ns:=/{namespace.strip("/")}']
+    return []
 
 
 def _files(config: str, calibration: str, argument_prefix: str = '') -> list[str]:

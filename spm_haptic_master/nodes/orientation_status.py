@@ -123,7 +123,10 @@ class OrientationStatus:
         """
         level_of_state = severity = LEVELS[state.condition]
         message = with_remedy(state.why, text)
-        cautions = self._supervisor.cautions() if state.publishes else {}
+        if state.publishes:
+            cautions = self._supervisor.cautions()
+        else:
+            cautions = {}
         if state.publishes and self._watch.caution:
             cautions['calibration'] = f'calibration: {self._watch.caution}'
         self.caution = ', '.join(cautions.values())
@@ -273,7 +276,10 @@ class LatencyStatus:
         }
         level = WARN
         text = 'no orientations'
-        percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0) if count else None
+        if count:
+            percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0)
+        else:
+            percentiles = None
         if percentiles is not None:
             values |= {
                 f'latency {name} (us)': value

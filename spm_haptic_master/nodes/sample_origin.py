@@ -78,7 +78,10 @@ class SampleOrigin:
         """Return reason and detail of what forbids any orientation, polled now and then; None."""
         if self._poll.is_due(time.monotonic()):
             rivals = self._rivals.found()
-            self._obstacle = self._difference() if rivals is None else (rivals, 'expected one')
+            if rivals is None:
+                self._obstacle = self._difference()
+            else:
+                self._obstacle = (rivals, 'expected one')
         return self._obstacle
 
     def rejection(self, age: int, max_age: int) -> RejectedError:

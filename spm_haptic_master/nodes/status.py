@@ -161,7 +161,10 @@ class Collector(Client):
 def main(args: list[str] | None = None) -> int:
     """Print the screen; return 0 where all is well."""
     words = (sys.argv if args is None else args)[1:]
-    begin = words.index('--ros-args') if '--ros-args' in words else len(words)
+    if '--ros-args' in words:
+        begin = words.index('--ros-args')
+    else:
+        begin = len(words)
     own = words[:begin]
     ros_arguments = words[begin:]
 
@@ -180,6 +183,8 @@ def main(args: list[str] | None = None) -> int:
             print('\n'.join(screen(device)))
         cores = os.cpu_count() or 1
         print(f'      {"load":<15} {os.getloadavg()[0]:.1f} of {cores} cores of this host')
-        return 0 if all(device.is_well() for device in devices) else 1
+        if all(device.is_well() for device in devices):
+            return 0
+        return 1
 
     return run('status', program, ros_arguments)

@@ -90,7 +90,9 @@ class Teleop(ParameterNode):
         self._inputs = self._slave.inputs
         self._jaw = JawOutput(self, values, self._inputs)
         # None where the hand feels nothing of the slave.
-        self._torque = SlaveTorque(self, values) if values['teleop.force_scale'] else None
+        self._torque: SlaveTorque | None = None
+        if values['teleop.force_scale']:
+            self._torque = SlaveTorque(self, values)
         self._status = TeleopStatus(self, self._machine, self._torque)
         self._subscribe_pedals()
         self._subscribe_master(values)

@@ -81,7 +81,10 @@ class Client:
         request = kind.Request(**fields)
         # A server that was found first may be one that is gone. Parameters may be asked for again;
         # another request might be done twice.
-        attempts = PARAMETER_ATTEMPTS if kind.__module__.startswith(PARAMETERS) else 1
+        if kind.__module__.startswith(PARAMETERS):
+            attempts = PARAMETER_ATTEMPTS
+        else:
+            attempts = 1
         for _ in range(attempts):
             answer = client.call_async(request)
             if self.wait(answer.done, self.PATIENCE / attempts):

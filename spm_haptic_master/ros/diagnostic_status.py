@@ -137,4 +137,6 @@ class StatusPublisher:
 
 def _text(value: object) -> str:
     """Return a value in an entry: a float with six digits."""
-    return f'{value:.6g}' if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f'{value:.6g}'
+    return str(value)

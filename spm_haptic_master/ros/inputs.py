@@ -195,4 +195,7 @@ class SampledTopic(Generic[MessageType]):
             return None
         with self._subscription.handle:
             taken = self._subscription.handle.take_message(self._subscription.msg_type, True)
-        return None if taken is None else deserialize_message(taken[0], self._kind)
+        if taken is None:
+            return None
+        message: MessageType = deserialize_message(taken[0], self._kind)
+        return message

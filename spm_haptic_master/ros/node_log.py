@@ -73,7 +73,10 @@ class RepeatedLines:
 
     def due(self, now: float) -> list[Line]:
         """Return the lines to print now although none has come."""
-        printed = self.counts(now) if now >= self.due_at() else []
+        if now >= self.due_at():
+            printed = self.counts(now)
+        else:
+            printed = []
         self._lines = {
             line: (since, count)
             for line, (since, count) in self._lines.items()
@@ -89,7 +92,9 @@ class RepeatedLines:
         due = min(counted) + REPEAT_PERIOD
         # The line that came last is the present. It is printed last already, or soon.
         present = next(reversed(self._lines))
-        return due if present == self._printed else min(due, self._last + QUIET)
+        if present == self._printed:
+            return due
+        return min(due, self._last + QUIET)
 
     def counts(self, now: float) -> list[Line]:
         """Return the counted lines with their counts, and begin to count them again."""

@@ -87,7 +87,10 @@ class Overload:
             self._lost.popleft()
         lost = sum(each for _, each in self._lost)
         is_busy = lost >= LIMIT * (LEAVE if self._most else 1.0)
-        self._most = max(self._most, lost) if is_busy else 0.0
+        if is_busy:
+            self._most = max(self._most, lost)
+        else:
+            self._most = 0.0
         self.words = (
             reported
             if not is_busy

@@ -165,7 +165,9 @@ class _Process:
         for number in SIGNALS:
             signal.signal(number, signal.default_int_handler)
         _, description = EXECUTABLES.get(self._name, ('', ''))
-        nodes = (*PIPELINE, FOLLOWER) if self._name == 'master' else (self._name,)
+        nodes = [self._name]
+        if self._name == 'master':
+            nodes = [*PIPELINE, FOLLOWER]
         found = node_command_line(self._name, description, nodes, list(args))
         for number in SIGNALS:
             signal.signal(number, self._take_signal)

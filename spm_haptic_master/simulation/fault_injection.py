@@ -201,7 +201,10 @@ def _numbers(text: str, found: re.Match[str]) -> tuple[float, float, float]:
         start = float(found['start'])
         duration = float(found['duration'] or 'inf')
         value = found['value']
-        number = float(int(value, 0) & 0xFFFF) if whole else float(value or 0.0)
+        if whole:
+            number = float(int(value, 0) & 0xFFFF)
+        else:
+            number = float(value or 0.0)
     except ValueError as error:
         raise _wrong(text, f': not a number ({error})') from error
     if duration <= 0.0:

@@ -128,7 +128,10 @@ class NoisyMotion:
             # The shaft trails its joint by half the play at most.
             before = self._shafts[index]
             half = 0.5 * sensor.play
-            lag = 0.0 if before is None else remainder(before - angle, TURN)
+            if before is None:
+                lag = 0.0
+            else:
+                lag = remainder(before - angle, TURN)
             self._shafts[index] = angle = angle + min(max(lag, -half), half)
         reading = sensor.with_harmonics(angle) + self._gauss(0.0, sensor.noise)
         if sensor.resolution:

@@ -281,7 +281,10 @@ def read_rig(
 
     """
     content = _read_content(path, sensors)
-    mechanism = _mechanism(path, content, drawn) if MECHANISM.keys() & content else drawn
+    if MECHANISM.keys() & content:
+        mechanism = _mechanism(path, content, drawn)
+    else:
+        mechanism = drawn
     given = {
         name: [_converted(key, radians, each) for each in content[key]]
         for key, (name, _) in ERRORS.items()
@@ -365,7 +368,9 @@ def _converted(key: str, convert: Callable[[float], float], value: Any) -> Any:
     """Return an angle of a sensor, or a pair, converted; a `delay` as it is."""
     if key == 'delay':
         return value
-    return tuple(map(convert, value)) if isinstance(value, (list, tuple)) else convert(value)
+    if isinstance(value, (list, tuple)):
+        return tuple(map(convert, value))
+    return convert(value)
 
 
 def make_rig(values: Values) -> Rig:
@@ -444,11 +449,9 @@ def _complaint(key: str, value: Any, sensors: int) -> str:
             and all(fits(each, depth + 1) for each in part)
         )
 
+    if fits(value, 0):
+        return ''
     return (
-        ''
-        if fits(value, 0)
-        else (
-            f'a list of {" of lists of ".join(map(str, lengths))}, each '
-            f'a number from {least:g} to {most:g}'
-        )
+        f'a list of {" of lists of ".join(map(str, lengths))}, each '
+        f'a number from {least:g} to {most:g}'
     )

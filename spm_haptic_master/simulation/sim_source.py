@@ -236,4 +236,6 @@ def _joints(kind: str, faults: Iterable[Fault]) -> list[int]:
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:
     """Return an angle as the driver has it, rad: quantised, then corrected by its harmonics."""
     reading = angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)
-    return reading if harmonics is None else float(harmonics.angles(reading))
+    if harmonics is None:
+        return reading
+    return float(harmonics.angles(reading))

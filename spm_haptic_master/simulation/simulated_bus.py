@@ -222,7 +222,9 @@ class SimulatedBus:
 
     def orientation(self, now: float) -> tuple[float, float, float, float] | None:
         """Return the true quaternion x, y, z, w at `now`, s; None before the first answer."""
-        return None if self._began is None else self._motion.orientation(now - self._began)
+        if self._began is None:
+            return None
+        return self._motion.orientation(now - self._began)
 
     def tend(self, now: float) -> list[can.Message]:
         """Return the unsolicited frames due at `now`, s: those of faults, and heartbeats."""
@@ -268,15 +270,23 @@ class SimulatedBus:
             return []
         if fault.kind == 'late':
             return self._due(fault.joint, float('inf'))
-        return self.nodes[fault.joint].boot() if fault.kind == 'reboot' else []
+        if fault.kind == 'reboot':
+            return self.nodes[fault.joint].boot()
+        return []
 
     def _emergency(self, fault: Fault, node: SimulatedNode, begins: bool) -> list[can.Message]:
         """Return the emergency that begins or ends; the register has what is left."""
         if node.node_id is None:
             return []
-        code = int(fault.value) if begins else canopen.EMCY_ERROR_RESET
+        if begins:
+            code = int(fault.value)
+        else:
+            code = canopen.EMCY_ERROR_RESET
         # CiA 301, 7.2.7.1.
-        register = 0 if self._fault(fault.joint, 'emcy') is None else GENERIC_ERROR
+        if self._fault(fault.joint, 'emcy') is None:
+            register = 0
+        else:
+            register = GENERIC_ERROR
         node.put(canopen.ERROR_REGISTER, register)
         return [canopen.emcy(node.node_id, code, register)]
 

@@ -73,7 +73,10 @@ class DriveObjects(ObjectStore):
         wanted = drive_objects(plan, own)
         entries = identity(DEVICE_TYPE, own.node_id)
         for each in wanted.every:
-            value = each.value if each.of_device or not factory else 0
+            if each.of_device or not factory:
+                value = each.value
+            else:
+                value = 0
             entries[each.index, each.subindex] = Entry(value, each.size, not each.of_device)
         if factory:
             for pdo in wanted.pdos:
@@ -155,7 +158,9 @@ class SimulatedDrive:
     def torque(self) -> int:
         """Torque of the motor within the drive's own cap, per mille of the rated one."""
         cap = self.objects.value(*cia402.MAXIMUM_TORQUE)
-        return max(-cap, min(cap, self._target)) if self.state is State.ENABLED else 0
+        if self.state is State.ENABLED:
+            return max(-cap, min(cap, self._target))
+        return 0
 
     def boot(self) -> list[can.Message]:
         """Enter pre-operational, and return the boot-up message."""
@@ -207,7 +212,9 @@ class SimulatedDrive:
     def _master_heartbeat(self) -> int | None:
         """Return the identifier of the heartbeat that the drive supervises; None: it has none."""
         master = self.objects.value(*cia402.HEARTBEAT_CONSUMER)
-        return canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F) if master else None
+        if master:
+            return canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F)
+        return None
 
     def _take_pdo(self, identifier: int, data: bytes, now: float) -> list[can.Message]:
         """Take a frame that is one of its RPDOs, while the node is operational."""
@@ -259,7 +266,9 @@ class SimulatedDrive:
         if self._is_status_due(now):
             self._status_at = now
             sent += self._status()
-        return [] if 'drive_unplug' in self.faults else sent
+        if 'drive_unplug' in self.faults:
+            return []
+        return sent
 
     def _is_status_due(self, now: float) -> bool:
         """Return whether the timer of the status frame has run out."""
@@ -314,7 +323,9 @@ class SimulatedDrive:
         self._control = word
         state = self.state
         if state is State.FAULT:
-            return self._reset_fault() if resets else []
+            if resets:
+                return self._reset_fault()
+            return []
         command = word & 0x0F
         if command & 0x06 != 0x06:
             self._disable()
@@ -394,7 +405,9 @@ class SimulatedDrive:
         """
         share = self.torque / cia402.PER_MILLE
         self._heat = max(0.0, self._heat + (share * share - 1.0) * elapsed)
-        return self._fail(TOO_HOT) if self._heat > HEAT_LIMIT else []
+        if self._heat > HEAT_LIMIT:
+            return self._fail(TOO_HOT)
+        return []
 
     def _status(self) -> list[can.Message]:
         """Return the status frame, as it is mapped."""

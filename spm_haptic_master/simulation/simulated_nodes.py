@@ -131,7 +131,10 @@ class SimulatedNode(ObjectStore):
         self._layout = layout
         self._type = canopen.EVERY_SYNC if options.synchronised else canopen.EVENT_DRIVEN
         base = layout.can_id - (node_id or 0)
-        number = canopen.TPDO_BASES.index(base) if base in canopen.TPDO_BASES else 0
+        if base in canopen.TPDO_BASES:
+            number = canopen.TPDO_BASES.index(base)
+        else:
+            number = 0
         self._parameters = canopen.TPDO_PARAMETERS + number
         self._mapping = canopen.TPDO_MAPPING + number
         objects = identity(DEVICE_TYPE, serial) | self._pdo(options) | self._others(options)
@@ -168,7 +171,10 @@ class SimulatedNode(ObjectStore):
         units = disc if options.factory else counts
         scaling = 0 if options.factory else canopen.SCALING_ON
         beat = 0.0 if options.factory else options.heartbeat
-        supervised = options.period if self._quirks.has('supervises_sync') else 0.0
+        if self._quirks.has('supervises_sync'):
+            supervised = options.period
+        else:
+            supervised = 0.0
         return {
             canopen.SYNC_IDENTIFIER: Entry(canopen.SYNC_ID),
             canopen.SYNC_PERIOD: Entry(round(1e6 * supervised)),

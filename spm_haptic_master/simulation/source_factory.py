@@ -59,7 +59,9 @@ def make_source(name: str, values: Values, drives: tuple[int, ...] = ()) -> Enco
             make_harmonics(values),
             make_axes(values, HEARTBEAT_TIMEOUT),
         )
-    return make_replay(values) if name == 'replay' else _make_can(values, drives)
+    if name == 'replay':
+        return make_replay(values)
+    return _make_can(values, drives)
 
 
 def source_text(name: str, values: Values) -> str:

@@ -157,7 +157,9 @@ class Steering:
 
     def _reference(self, target: Place | None, t: float) -> Place:
         """Return the place of a target at a time, s; that of the trajectory for None."""
-        return place(*self._trajectory(t)) if target is None else target
+        if target is None:
+            return place(*self._trajectory(t))
+        return target
 
     def _place(self, t: float) -> Place:
         """Return the place of the motion at a time, s."""
@@ -187,5 +189,8 @@ def place(psi: float, theta: float, phi: float) -> Place:
     axis = sin(theta) * sin(psi), -sin(theta) * cos(psi), cos(theta)
     x, y = (sum(a * b for a, b in zip(axis, across, strict=True)) for across in ACROSS)
     sine = hypot(x, y)
-    scale = atan2(sine, sum(axis) / sqrt(3.0)) / sine if sine > 0.0 else 0.0
+    if sine > 0.0:
+        scale = atan2(sine, sum(axis) / sqrt(3.0)) / sine
+    else:
+        scale = 0.0
     return Place(scale * x, scale * y, phi)

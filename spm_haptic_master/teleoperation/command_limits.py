@@ -70,7 +70,10 @@ class LimitedRotation:
         self.rotation = rotation  # its sign is continuous
         self.velocity = ZERO  # rad/s, base frame
         # Tilt of the shaft, rad; not used without a cone.
-        self._tilt = 0.0 if cone is None else cone.tilt(rotation)
+        if cone is None:
+            self._tilt = 0.0
+        else:
+            self._tilt = cone.tilt(rotation)
 
     def advance(self, target: FloatQuaternion, dt: float) -> str:
         """
@@ -140,7 +143,10 @@ class LimitedRotation:
 
     def _slewed_velocity(self, moving: FloatVector, step: Step) -> FloatVector:
         """Return the velocity to the moving target's last place, able to stay with it, rad/s."""
-        before = self.rotation if self._target is None else self._target
+        if self._target is None:
+            before = self.rotation
+        else:
+            before = self._target
         error = rotation_between(self.rotation, before)
         distance = norm(error)
         closing = ZERO
@@ -172,7 +178,10 @@ class LimitedRotation:
         x, y, z, w = rotation
         a, b, c, d = self.rotation
         is_near = x * a + y * b + z * c + w * d >= 0.0
-        self.rotation = rotation if is_near else (-x, -y, -z, -w)
+        if is_near:
+            self.rotation = rotation
+        else:
+            self.rotation = (-x, -y, -z, -w)
 
     def _kept_in(self, cone: TiltCone, rotation: FloatQuaternion, dt: float) -> FloatQuaternion:
         """Return the rotation, or the nearest one whose tilt can still stop at the cone."""

@@ -97,13 +97,17 @@ class Inputs:
         """Take the master's rotation in its own base frame."""
         master = unit_quaternion(quaternion)
         self._master_at = self.now
-        self.master = (
-            None if master is None else multiply_quaternions(self._conditions.registration, master)
-        )
+        if master is None:
+            self.master = None
+        else:
+            self.master = multiply_quaternions(self._conditions.registration, master)
 
     def take_slave(self, pose: Pose | None) -> None:
         """Take the slave's measured pose; None, or a rotation that is none: no pose."""
-        rotation = None if pose is None else unit_quaternion(pose.rotation)
+        if pose is None:
+            rotation = None
+        else:
+            rotation = unit_quaternion(pose.rotation)
         self._slave_at = self.now
         if pose is None or rotation is None:
             self.slave = None

@@ -104,7 +104,9 @@ class Teleoperation:
         """Return the measured depth of the tip, m; None without trocar or pose of the slave."""
         trocar = self._inputs.trocar
         slave = self._inputs.slave
-        return None if trocar is None or slave is None else remote_centre.depth_of(trocar, slave)
+        if trocar is None or slave is None:
+            return None
+        return remote_centre.depth_of(trocar, slave)
 
     def pass_time(self, dt: float) -> None:
         """Let time pass, s: disengage if an input has become too old."""
@@ -271,7 +273,9 @@ class Teleoperation:
             self._try_to_engage(stamp, master)
         elif not self._is_advanced(self._following, stamp, master):
             return None
-        return None if self._following is None else self._following.command
+        if self._following is None:
+            return None
+        return self._following.command
 
     def _is_next(self, stamp: int) -> bool:
         """Return whether a stamp, ns, is to be used: not where it is older than the last."""

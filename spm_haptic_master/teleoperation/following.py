@@ -127,7 +127,10 @@ class Following:
 
     def _turn(self, target: FloatQuaternion, dt: float) -> str:
         """Turn towards a target, or the nearest rotation in the cone; return a broken limit."""
-        cone = None if self._centre is None else self._centre.cone
+        if self._centre is None:
+            cone = None
+        else:
+            cone = self._centre.cone
         if cone is not None and not cone.contains(target):
             if not self._limits.slews:
                 return 'tilt'

@@ -141,7 +141,9 @@ def obstacle(
             f'{MILLIMETRES * shortest:.0f} to {MILLIMETRES * deepest:.0f} mm'
         )
     shaft = settings.shaft if known is None else known.shaft
-    return '' if shaft is None else off_the_trocar(trocar, slave, shaft)
+    if shaft is None:
+        return ''
+    return off_the_trocar(trocar, slave, shaft)
 
 
 def off_the_trocar(trocar: FloatVector, slave: Pose, shaft: FloatVector) -> str:
@@ -195,7 +197,10 @@ class RemoteCentre:
         known: Pivot | None,
     ) -> None:
         shaft = shaft_through(trocar, slave)
-        axis = rotate(slave.rotation, shaft) if known is None else known.axis
+        if known is None:
+            axis = rotate(slave.rotation, shaft)
+        else:
+            axis = known.axis
         self.pivot = Pivot(trocar, shaft, axis)
         self.cone: TiltCone | None = None
         if settings.largest_tilt < inf:

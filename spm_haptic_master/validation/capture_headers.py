@@ -58,7 +58,9 @@ class Sheet:
             first = self.lines[0]
         else:
             first = []
-        return _plain(first[0]) if first else ''
+        if first:
+            return _plain(first[0])
+        return ''
 
     def find(self, is_wanted: Callable[[list[str]], bool]) -> int | None:
         """
@@ -193,7 +195,9 @@ def _within_header(
 ) -> int | None:
     """Return the index of the line of the header that has a text at a place."""
     at = sheet.find(lambda line: len(line) > place and line[place].strip() == text)
-    return at if at is not None and at < HEADER_LINES else None
+    if at is not None and at < HEADER_LINES:
+        return at
+    return None
 
 
 def _motive_columns(

@@ -317,8 +317,10 @@ def zxz_degrees(
     known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
     found = kinematics.zxz_from_matrix(rotations[known])
-    continuous = np.unwrap(found, axis=-1) if unwrapped else found
-    angles[:, known] = np.degrees(continuous)
+    if unwrapped:
+        angles[:, known] = np.degrees(np.unwrap(found, axis=-1))
+    else:
+        angles[:, known] = np.degrees(found)
     return angles
 
 

@@ -231,7 +231,9 @@ def regions(
 
 def _median(values: Array) -> float:
     """Return the median; NaN where there are no values."""
-    return float(np.median(values)) if len(values) else float('nan')
+    if len(values):
+        return float(np.median(values))
+    return float('nan')
 
 
 def white_noise(
