@@ -155,7 +155,11 @@ class Solid:
             )
         )
         moments -= mass * np.outer(centre, centre)
-        return MassProperties(float(mass), centre, np.trace(moments) * np.eye(3) - moments)
+        return MassProperties(
+            mass=float(mass),
+            centre=centre,
+            inertia=np.trace(moments) * np.eye(3) - moments,
+        )
 
     def stl(self, name: str) -> bytes:
         """

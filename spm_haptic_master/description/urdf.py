@@ -96,7 +96,13 @@ def urdf(geometry: Geometry, meshes: str) -> str:
         _turning(robot, *next(limits), distal, carrier, end)
         _link(robot, carrier)
         _joint(
-            robot, f'tip_{name}_joint', 'fixed', carrier, f'tip_{name}', _about_x(1.0, 0.0), TIP
+            robot=robot,
+            name=f'tip_{name}_joint',
+            kind='fixed',
+            parent=carrier,
+            child=f'tip_{name}',
+            frame=_about_x(1.0, 0.0),
+            height=TIP,
         )
         _link(robot, f'tip_{name}')
     _add_platform(robot, geometry, meshes)
@@ -114,23 +120,23 @@ def _add_platform(robot: Element, geometry: Geometry, meshes: str) -> None:
     """Add the platform at the end of leg A, and the sockets of the other legs on it."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = geometry.legs[0].platform_frame
     _joint(
-        robot,
-        'platform_joint',
-        'fixed',
-        'carrier_a',
-        PLATFORM_FRAME,
-        (r00, r10, r20, r01, r11, r21, r02, r12, r22),
+        robot=robot,
+        name='platform_joint',
+        kind='fixed',
+        parent='carrier_a',
+        child=PLATFORM_FRAME,
+        frame=(r00, r10, r20, r01, r11, r21, r02, r12, r22),
     )
     _link(robot, PLATFORM_FRAME, f'{meshes}/platform.stl', 'platform')
     for leg, name in zip(geometry.legs[1:], solids.LEGS[1:], strict=True):
         _joint(
-            robot,
-            f'socket_{name}_joint',
-            'fixed',
-            PLATFORM_FRAME,
-            f'socket_{name}',
-            leg.platform_frame,
-            TIP,
+            robot=robot,
+            name=f'socket_{name}_joint',
+            kind='fixed',
+            parent=PLATFORM_FRAME,
+            child=f'socket_{name}',
+            frame=leg.platform_frame,
+            height=TIP,
         )
         _link(robot, f'socket_{name}')
 

@@ -100,14 +100,14 @@ class WorkspaceMap:
 
         """
         here, there, one, other = changes_of_sign(
-            lambda points: kinematics.parallel_determinant(
+            function=lambda points: kinematics.parallel_determinant(
                 kinematics.workspace_pose(points[0], points[1], phi),
                 self._geometry,
                 self._working_mode,
             ),
-            HALF_ANGLE,
-            RAYS,
-            CIRCLES,
+            half_angle=HALF_ANGLE,
+            rays=RAYS,
+            circles=CIRCLES,
         )
         tilts, azimuths = (1.0 - one / (one - other)) * here + one / (one - other) * there
         axes: NDArray[np.float64] = kinematics.workspace_pose(tilts, azimuths, phi)[..., 2]

@@ -281,7 +281,12 @@ class BusScan:
                 if (before := self.master_sync) is not None:
                     self._sync_intervals.append(now - before.last)
         heard = self.frames.setdefault(
-            (message.is_extended_id, identifier), HeardFrame(now, now, first_cycle=self.cycles)
+            (message.is_extended_id, identifier),
+            HeardFrame(
+                first=now,
+                last=now,
+                first_cycle=self.cycles,
+            ),
         )
         heard.last = now
         heard.count += 1

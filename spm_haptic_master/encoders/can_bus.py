@@ -193,7 +193,11 @@ def check_interface(interface: str, name: str = 'can.interface') -> None:
     """
     check_configuration()
     if interface not in can.VALID_INTERFACES:
-        raise SettingError(name, interface, 'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
+        raise SettingError(
+            name=name,
+            value=interface,
+            expected='one of ' + ', '.join(sorted(can.VALID_INTERFACES)),
+        )
 
 
 def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:

@@ -97,7 +97,11 @@ class CanSource(EncoderSource):
         if produce is None or decoder.sync_id is None:
             self._sync = None
         else:
-            self._sync = SyncProducer(self._send, decoder.sync_id, produce)
+            self._sync = SyncProducer(
+                send=self._send,
+                sync_id=decoder.sync_id,
+                period=produce,
+            )
         # Held to send: the SYNC thread and the reading thread both do.
         self._sending = threading.Lock()
         self._send_error: str | None = None  # of the latest send

@@ -75,14 +75,28 @@ def make_decoder(values: Values, drives: tuple[int, ...] = ()) -> FrameDecoder:
         node_ids = values['encoders.node_id']
         if len(set(node_ids)) < len(node_ids):
             raise SettingError(
-                'encoders.node_id',
-                list(node_ids),
-                f'{NUMBER_WORDS[len(joints)]} different node ids',
+                name='encoders.node_id',
+                value=list(node_ids),
+                expected=f'{NUMBER_WORDS[len(joints)]} different node ids',
             )
-        network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'], drives, further)
+        network = CanopenNodes(
+            joints=joints,
+            node_ids=node_ids,
+            heartbeat_timeout=values['can.heartbeat_timeout'],
+            drives=drives,
+            further=further,
+        )
     _check_axes(axes, layouts, sync_id, values)
     _check_identifiers(layouts, sync_id, network is not None)
-    return FrameDecoder(layouts, sync_id, period, window, network, values['can.emcy_stops'], axes)
+    return FrameDecoder(
+        layouts=layouts,
+        sync_id=sync_id,
+        period=period,
+        window=window,
+        network=network,
+        emcy_stops=values['can.emcy_stops'],
+        axes=axes,
+    )
 
 
 def _check_axes(
@@ -131,13 +145,21 @@ def _check_layout(axis: SingleAxis, values: Values) -> None:
     for name, fits, expected in _requirements(axis.layout):
         setting = name.replace('encoders.', f'{axis.name}.')
         if not fits and setting in values:
-            raise SettingError(setting, values[setting], expected)
+            raise SettingError(
+                name=setting,
+                value=values[setting],
+                expected=expected,
+            )
 
 
 def _take(taken: dict[Any, str], value: int, setting: str, what: str) -> None:
     """Note the encoder that has a value; SettingError if another one has it."""
     if value in taken:
-        raise SettingError(setting, value, f'{what} that {taken[value]} does not have')
+        raise SettingError(
+            name=setting,
+            value=value,
+            expected=f'{what} that {taken[value]} does not have',
+        )
     taken[value] = setting.partition('.')[0]
 
 
@@ -150,11 +172,13 @@ def _window(values: Values) -> float:
         return min(longest, WINDOW_DEFAULT)
     if not WINDOW_MINIMUM <= window <= longest * (1.0 + ROUNDING):
         raise SettingError(
-            'encoders.window',
-            window,
-            f'0, or from {WINDOW_MINIMUM:g} s to {WINDOW_PERIODS} periods, {longest:g} s at '
-            f'{values["rate"]:g} Hz: after a lost frame sets wait for the end of their cycle for '
-            'as long',
+            name='encoders.window',
+            value=window,
+            expected=(
+                f'0, or from {WINDOW_MINIMUM:g} s to {WINDOW_PERIODS} periods, {longest:g} s at '
+                f'{values["rate"]:g} Hz: after a lost frame sets wait for the end of their cycle '
+                'for as long'
+            ),
         )
     return window
 
@@ -166,9 +190,9 @@ def _check_identifiers(
     taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
     if sync_id in taken:
         raise SettingError(
-            'encoders.sync_id',
-            sync_id,
-            f'an identifier that no encoder has ({taken[sync_id]} has it)',
+            name='encoders.sync_id',
+            value=sync_id,
+            expected=f'an identifier that no encoder has ({taken[sync_id]} has it)',
         )
     if canopen_nodes:
         _check_reserved(layouts, taken, sync_id)
@@ -181,16 +205,18 @@ def _check_reserved(
     for can_id, joint in taken.items():
         if use := canopen.reserved_for(can_id):
             raise SettingError(
-                'encoders.id',
-                [each.can_id for each in layouts],
-                f'for {joint} an identifier that CANopen has no other use for (0x{can_id:X}: '
-                f'{use}), or can.protocol raw',
+                name='encoders.id',
+                value=[each.can_id for each in layouts],
+                expected=(
+                    f'for {joint} an identifier that CANopen has no other use for '
+                    f'(0x{can_id:X}: {use}), or can.protocol raw'
+                ),
             )
     if sync_id not in (None, canopen.SYNC_ID) and (use := canopen.reserved_for(sync_id or 0)):
         raise SettingError(
-            'encoders.sync_id',
-            sync_id,
-            f'an identifier that CANopen has no other use for (0x{sync_id:X}: {use}), or '
+            name='encoders.sync_id',
+            value=sync_id,
+            expected=f'an identifier that CANopen has no other use for (0x{sync_id:X}: {use}), or '
             'can.protocol raw',
         )
 
@@ -231,22 +257,28 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     for layout in layouts:
         if not layout.extended and layout.can_id > 0x7FF:
             raise SettingError(
-                'encoders.id',
-                list(values['encoders.id']),
-                f'an 11-bit identifier for {layout.joint} (0x001 to 0x7FF), '
+                name='encoders.id',
+                value=list(values['encoders.id']),
+                expected=f'an 11-bit identifier for {layout.joint} (0x001 to 0x7FF), '
                 'or encoders.extended true for it',
             )
         if layout.can_id in seen:
             raise SettingError(
-                'encoders.id',
-                list(values['encoders.id']),
-                f'{NUMBER_WORDS[len(joints)]} different identifiers; {seen[layout.can_id]} and '
-                f'{layout.joint} both have 0x{layout.can_id:X}',
+                name='encoders.id',
+                value=list(values['encoders.id']),
+                expected=(
+                    f'{NUMBER_WORDS[len(joints)]} different identifiers; {seen[layout.can_id]} '
+                    f'and {layout.joint} both have 0x{layout.can_id:X}'
+                ),
             )
         seen[layout.can_id] = layout.joint
         for name, fits, expected in _requirements(layout):
             if not fits:
-                raise SettingError(name, list(values[name]), f'{expected}, for {layout.joint}')
+                raise SettingError(
+                    name=name,
+                    value=list(values[name]),
+                    expected=f'{expected}, for {layout.joint}',
+                )
     return layouts
 
 
@@ -287,12 +319,18 @@ def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
             found.append(None)
             continue
         try:
-            found.append(Harmonics(radians(cosine), radians(sine), tuple(map(radians, table))))
+            found.append(
+                Harmonics(
+                    cosine=radians(cosine),
+                    sine=radians(sine),
+                    table=tuple(map(radians, table)),
+                )
+            )
         except InputError as error:
             raise SettingError(
-                name,
-                list(values[name]),
-                f'what an encoder can have, for {ALL_JOINT_NAMES[index]} ({error})',
+                name=name,
+                value=list(values[name]),
+                expected=f'what an encoder can have, for {ALL_JOINT_NAMES[index]} ({error})',
             ) from error
     return tuple(found)
 
@@ -410,11 +448,13 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
     )
     if joints and not values[encoders.ACCEPT_SETTING.name]:
         raise SettingError(
-            encoders.VERIFIED_SETTING.name,
-            list(verified),
-            f'true for each: the direction of {", ".join(joints)} is not verified; calibrate at '
-            'two poses (calibrate --pose ... --pose ...) and give the file that it writes, or set '
-            f'{encoders.ACCEPT_SETTING.name} to true to run at WARN',
+            name=encoders.VERIFIED_SETTING.name,
+            value=list(verified),
+            expected=(
+                f'true for each: the direction of {", ".join(joints)} is not verified; calibrate '
+                'at two poses (calibrate --pose ... --pose ...) and give the file that it writes, '
+                f'or set {encoders.ACCEPT_SETTING.name} to true to run at WARN'
+            ),
         )
     return joints
 
@@ -488,11 +528,16 @@ def check_bus_load(
     bits = cycle_bits(layouts, sync)
     load = bits * rate / bitrate
     if load > MAXIMUM_LOAD:
+        highest = MAXIMUM_LOAD * bitrate / bits
+        frames = f'{NUMBER_WORDS[len(layouts)]} answers'
+        if sync:
+            frames = f'SYNC and {frames}'
         raise SettingError(
-            'rate',
-            rate,
-            f'at most {MAXIMUM_LOAD * bitrate / bits:.0f} Hz at can.bitrate {bitrate}: a cycle of '
-            f'{"SYNC and " if sync else ""}{NUMBER_WORDS[len(layouts)]} answers has up to {bits} '
-            f'bits, and {bits} bits x {rate:g} Hz / {bitrate} bit/s = {100.0 * load:.0f} % bus '
-            f'load, beyond {100.0 * MAXIMUM_LOAD:.0f} %',
+            name='rate',
+            value=rate,
+            expected=(
+                f'at most {highest:.0f} Hz at can.bitrate {bitrate}: a cycle of {frames} has up '
+                f'to {bits} bits, and {bits} bits x {rate:g} Hz / {bitrate} bit/s = '
+                f'{100.0 * load:.0f} % bus load, beyond {100.0 * MAXIMUM_LOAD:.0f} %'
+            ),
         )

@@ -154,9 +154,9 @@ class DeviceDescription:
             wanted,
             pdos=tuple(
                 WantedPdo(
-                    sized(pdo.identifier),
-                    tuple(map(sized, pdo.parameters)),
-                    tuple(map(sized, pdo.mapping)),
+                    identifier=sized(pdo.identifier),
+                    parameters=tuple(map(sized, pdo.parameters)),
+                    mapping=tuple(map(sized, pdo.mapping)),
                 )
                 for pdo in wanted.pdos
             ),

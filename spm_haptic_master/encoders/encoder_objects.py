@@ -247,7 +247,11 @@ def wanted_objects(
                 else []
             ),
         ),
-        rules=EncoderRules(layout.counts_per_turn, timer, event_timer if number == 0 else None),
+        rules=EncoderRules(
+            counts_per_turn=layout.counts_per_turn,
+            timer=timer,
+            event_timer=event_timer if number == 0 else None,
+        ),
     )
 
 
@@ -256,10 +260,20 @@ def _position_pdo(layout: EncoderLayout, number: int, synchronised: bool, timer:
     name = f'TPDO{number + 1}'
     index = canopen.TPDO_PARAMETERS + number
     inhibit = WantedObject(
-        index, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 0, optional=True
+        index=index,
+        subindex=canopen.TPDO_INHIBIT_TIME,
+        size=2,
+        name=f'{name} inhibit time',
+        value=0,
+        optional=True,
     )
     event = WantedObject(
-        index, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer, ms', timer, optional=True
+        index=index,
+        subindex=canopen.TPDO_EVENT_TIMER,
+        size=2,
+        name=f'{name} event timer, ms',
+        value=timer,
+        optional=True,
     )
     # A frame with nothing but the 32 bits of the position has a known mapping.
     plain = (
@@ -270,12 +284,12 @@ def _position_pdo(layout: EncoderLayout, number: int, synchronised: bool, timer:
     )
     position, subindex = canopen.POSITION
     pdo = wanted_pdo(
-        index,
-        name,
-        layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0),
-        canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN,
-        (inhibit, event),
-        [position << 16 | subindex << 8 | 32] if plain else [],
+        index=index,
+        name=name,
+        identifier=layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0),
+        transmission=canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN,
+        times=(inhibit, event),
+        entries=[position << 16 | subindex << 8 | 32] if plain else [],
     )
     # A mapping that cannot be read is fixed; the frames show it.
     return replace(pdo, mapping=tuple(replace(each, optional=True) for each in pdo.mapping))

@@ -107,7 +107,10 @@ class FrameDecoder:
         self.words = f'{NUMBER_WORDS[len(layouts)]} encoders'
         self.sync_id = sync_id
         self.assembler = SetAssembler(
-            tuple(layout.joint for layout in layouts), sync_id is not None, window, period
+            joints=tuple(layout.joint for layout in layouts),
+            synchronised=sync_id is not None,
+            window=window,
+            period=period,
         )
         self.network = network
         self.counters: Counter[str] = Counter()

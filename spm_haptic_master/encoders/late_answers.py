@@ -182,7 +182,10 @@ class LateAnswers:
 
         """
         self.owed[index] = Debt(
-            missed, start + self._span, True, lost == 0 and missed <= LONGEST_QUEUE
+            answers=missed,
+            until=start + self._span,
+            queued=True,
+            counted=lost == 0 and missed <= LONGEST_QUEUE,
         )
         self.unproven.add(index)
 

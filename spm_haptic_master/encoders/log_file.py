@@ -87,13 +87,17 @@ class LogFile:
         # Sum of the times at the beginning of the lines of an ASC file, s.
         self._elapsed = 0.0
         if not self.path.is_file():
-            raise SettingError('replay.path', path, 'an existing file')
+            raise SettingError(
+                name='replay.path',
+                value=path,
+                expected='an existing file',
+            )
         suffix = Path(self.path.name.lower().removesuffix(COMPRESSED)).suffix
         if suffix not in EXPECTED:
             raise SettingError(
-                'replay.path',
-                str(self.path),
-                f'a log in a format that keeps all frames ({LOG_FORMATS})',
+                name='replay.path',
+                value=str(self.path),
+                expected=f'a log in a format that keeps all frames ({LOG_FORMATS})',
             )
         self._suffix = suffix
         self._open().stop()
@@ -154,10 +158,11 @@ class LogFile:
             return next(iter(found), '')
         if wanted in found:
             return wanted
+        channels = ', '.join(sorted(found))
         raise SettingError(
-            'can.channel',
-            wanted,
-            f'one of {", ".join(sorted(found))}: {self.path} has frames of the encoders on each',
+            name='can.channel',
+            value=wanted,
+            expected=f'one of {channels}: {self.path} has frames of the encoders on each',
         )
 
     def frames(self) -> Iterator[can.Message]:

@@ -196,43 +196,68 @@ def wanted_pdo(
         Entries of its mapping; empty if they are not known.
 
     """
-    mapping = index - canopen.RPDO_PARAMETERS + canopen.RPDO_MAPPING
+    mapping: tuple[WantedObject, ...] = ()
+    if entries:
+        mapping = _mapping(index, name, entries)
     return WantedPdo(
-        WantedObject(
-            index,
-            canopen.TPDO_IDENTIFIER,
-            4,
-            f'{name} identifier',
-            identifier,
-            canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
+        identifier=WantedObject(
+            index=index,
+            subindex=canopen.TPDO_IDENTIFIER,
+            size=4,
+            name=f'{name} identifier',
+            value=identifier,
+            mask=canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
             hexadecimal=True,
         ),
-        (
-            WantedObject(index, canopen.TPDO_TYPE, 1, f'{name} transmission type', transmission),
+        parameters=(
+            WantedObject(
+                index=index,
+                subindex=canopen.TPDO_TYPE,
+                size=1,
+                name=f'{name} transmission type',
+                value=transmission,
+            ),
             *times,
         ),
-        (
-            WantedObject(mapping, 0, 1, f'{name} mapped objects', len(entries)),
-            *(
-                WantedObject(mapping, number, 4, f'{name} mapping', entry, hexadecimal=True)
-                for number, entry in enumerate(entries, start=1)
-            ),
-        )
-        if entries
-        else (),
+        mapping=mapping,
     )
+
+
+def _mapping(index: int, name: str, entries: list[int]) -> tuple[WantedObject, ...]:
+    """Return the objects that map the entries of a PDO, as `wanted_pdo` has them."""
+    mapping = index - canopen.RPDO_PARAMETERS + canopen.RPDO_MAPPING
+    count = WantedObject(
+        index=mapping,
+        subindex=0,
+        size=1,
+        name=f'{name} mapped objects',
+        value=len(entries),
+    )
+    objects = [count]
+    for number, entry in enumerate(entries, start=1):
+        objects.append(
+            WantedObject(
+                index=mapping,
+                subindex=number,
+                size=4,
+                name=f'{name} mapping',
+                value=entry,
+                hexadecimal=True,
+            )
+        )
+    return tuple(objects)
 
 
 def other_tpdos_off(used: int) -> list[WantedObject]:
     """Return the identifiers of all TPDOs but one, counted from 0: off."""
     return [
         WantedObject(
-            canopen.TPDO_PARAMETERS + number,
-            canopen.TPDO_IDENTIFIER,
-            4,
-            f'TPDO{number + 1} off',
-            canopen.TPDO_OFF,
-            canopen.TPDO_OFF,
+            index=canopen.TPDO_PARAMETERS + number,
+            subindex=canopen.TPDO_IDENTIFIER,
+            size=4,
+            name=f'TPDO{number + 1} off',
+            value=canopen.TPDO_OFF,
+            mask=canopen.TPDO_OFF,
             optional=True,
             hexadecimal=True,
         )

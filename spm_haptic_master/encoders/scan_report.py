@@ -345,7 +345,11 @@ def resolution(node: HeardNode, layout: EncoderLayout) -> int | None:
         Counts per turn; None where the objects do not have them.
 
     """
-    rules = EncoderRules(layout.counts_per_turn, 0, None)
+    rules = EncoderRules(
+        counts_per_turn=layout.counts_per_turn,
+        timer=0,
+        event_timer=None,
+    )
     return rules.resolution(lambda index, subindex: node.objects.get((index, subindex)))
 
 

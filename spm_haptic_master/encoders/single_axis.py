@@ -123,7 +123,11 @@ class SingleAxis:
     def read_counts(self) -> None:
         """Make each reading its counts, from -1/2 to 1/2 turn, whatever they are."""
         self.scale = self.layout.counts_per_turn / TURN
-        self.limits = AxisLimits(-inf, inf, inf)
+        self.limits = AxisLimits(
+            least=-inf,
+            greatest=inf,
+            speed=inf,
+        )
         self._lowest, self._highest = self.limits.bounds
 
     def take(self, message: can.Message, stamp: float) -> AxisReading | None:
@@ -156,7 +160,11 @@ class SingleAxis:
         if reason is not None:
             return None
         self.latest = stamp, position
-        return AxisReading(self.layout.joint, round(stamp * 1e9), position)
+        return AxisReading(
+            name=self.layout.joint,
+            stamp=round(stamp * 1e9),
+            position=position,
+        )
 
     def fault(self, now: float) -> str | None:
         """
@@ -234,16 +242,32 @@ def _axis(name: str, values: Values, timeout: float) -> SingleAxis:
     Angles and counts are related as those of a joint. A slide has no turn of its own: all its
     counts are made one turn, and `insertion.counts_per_metre` gives the scale, m/rad.
     """
+    layout = _layout(name, values)
+    limits, scale = _limits(name, values, layout.counts_per_turn)
+    node_id = int(values[f'{name}.node_id'])
+    node = None
+    if node_id:
+        node = Node(name, node_id, timeout)
+    return SingleAxis(
+        layout=layout,
+        scale=scale,
+        limits=limits,
+        period=1.0 / values['rate'],
+        node=node,
+    )
+
+
+def _layout(name: str, values: Values) -> EncoderLayout:
+    """Return how the counts of an axis stand in its frame."""
 
     def value(setting: str) -> int:
         return int(values[f'{name}.{setting}'])
 
-    bits = value('mask').bit_count() or value('bit_length')
     if name == GRIPPER:
         turn = values['gripper.counts_per_turn']
     else:
-        turn = 1 << bits
-    layout = EncoderLayout(
+        turn = 1 << _bits(name, values)
+    return EncoderLayout(
         joint=name,
         can_id=value('id'),
         extended=values[f'{name}.extended'],
@@ -262,23 +286,67 @@ def _axis(name: str, values: Values, timeout: float) -> SingleAxis:
         status_mask=value('status_mask'),
         status_good=value('status_good'),
     )
-    least, greatest = (
-        values['insertion.range'] if name == INSERTION else values['gripper.range_deg']
-    )
-    setting = 'insertion.range' if name == INSERTION else 'gripper.range_deg'
-    if not least < greatest:
-        raise SettingError(setting, [least, greatest], 'the lesser value first')
-    if value('node_id'):
-        node = Node(name, value('node_id'), timeout)
-    else:
-        node = None
-    period = 1.0 / values['rate']
+
+
+def _bits(name: str, values: Values) -> int:
+    """Return how many bits the counts of an axis have."""
+    mask = int(values[f'{name}.mask'])
+    return mask.bit_count() or int(values[f'{name}.bit_length'])
+
+
+def _limits(name: str, values: Values, counts_per_turn: int) -> tuple[AxisLimits, float]:
+    """
+    Return range and speed of an axis, and its scale: m/rad of a slide, 1 of the gripper.
+
+    Parameters
+    ----------
+    name : str
+        The axis, one of AXES.
+    values : Values
+        Checked settings.
+    counts_per_turn : int
+        Counts of 2 pi rad.
+
+    Returns
+    -------
+    tuple of AxisLimits and float
+        Limits in m or rad, and the scale.
+
+    Raises
+    ------
+    SettingError
+        The range is empty, or its counts do not fit into the frame.
+
+    """
     if name == INSERTION:
-        scale = turn / TURN / values['insertion.counts_per_metre']
-        limits = AxisLimits(least, greatest, values['insertion.speed_limit'])
+        setting = 'insertion.range'
+    else:
+        setting = 'gripper.range_deg'
+    least, greatest = values[setting]
+    if not least < greatest:
+        raise SettingError(
+            name=setting,
+            value=[least, greatest],
+            expected='the lesser value first',
+        )
+    if name == INSERTION:
+        scale = counts_per_turn / TURN / values['insertion.counts_per_metre']
+        limits = AxisLimits(
+            least=least,
+            greatest=greatest,
+            speed=values['insertion.speed_limit'],
+        )
     else:
         scale = 1.0
-        limits = AxisLimits(radians(least), radians(greatest), float('inf'))
+        limits = AxisLimits(
+            least=radians(least),
+            greatest=radians(greatest),
+            speed=float('inf'),
+        )
     if max(abs(limits.least), abs(limits.greatest)) > pi * scale:
-        raise SettingError(setting, [least, greatest], f'what {bits} bits of counts can hold')
-    return SingleAxis(layout, scale, limits, period, node)
+        raise SettingError(
+            name=setting,
+            value=[least, greatest],
+            expected=f'what {_bits(name, values)} bits of counts can hold',
+        )
+    return limits, scale

@@ -129,7 +129,13 @@ def forward_theta3a(
         The determinant of a single sample vanishes.
 
     """
-    return _in_slices(_case_2, th1, 'theta3a', theta3a, geometry)
+    return _in_slices(
+        case=_case_2,
+        th1=th1,
+        name='theta3a',
+        passive=theta3a,
+        geometry=geometry,
+    )
 
 
 def forward_theta2a(
@@ -161,7 +167,13 @@ def forward_theta2a(
         The determinant of a single sample vanishes.
 
     """
-    return _in_slices(_case_1, th1, 'theta2a', theta2a, geometry)
+    return _in_slices(
+        case=_case_1,
+        th1=th1,
+        name='theta2a',
+        passive=theta2a,
+        geometry=geometry,
+    )
 
 
 def _in_slices(
@@ -326,9 +338,24 @@ def start_at(
     """
     th1a = readings[0]
     th3a = readings[3]
-    found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
-    th1b = _active_angle(rotation, g.legs[1], readings[1], readings[4])
-    th1c = _active_angle(rotation, g.legs[2], readings[2], readings[5])
+    found_1a, th2a, found_3a = _fitting_angles(
+        rotation=rotation,
+        leg=g.legs[0],
+        th1=th1a,
+        th3=th3a,
+    )
+    th1b = _active_angle(
+        rotation=rotation,
+        leg=g.legs[1],
+        th1=readings[1],
+        th3=readings[4],
+    )
+    th1c = _active_angle(
+        rotation=rotation,
+        leg=g.legs[2],
+        th1=readings[2],
+        th3=readings[5],
+    )
     return (
         found_1a if th1a is None else th1a,
         th2a,

@@ -279,8 +279,18 @@ class Geometry:
             the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
 
         """
-        base = check_axes('base_axes', base_axes, 'Z1', NOMINAL_BASE_AXES)
-        platform = check_axes('platform_axes', platform_axes, 'Z3', ((0.0, 0.0, 1.0),) * 3)
+        base = check_axes(
+            name='base_axes',
+            axes=base_axes,
+            symbol='Z1',
+            nominal=NOMINAL_BASE_AXES,
+        )
+        platform = check_axes(
+            name='platform_axes',
+            axes=platform_axes,
+            symbol='Z3',
+            nominal=((0.0, 0.0, 1.0),) * 3,
+        )
         geometry = object.__new__(cls)
         geometry._set(check_links('alpha', alpha), check_links('beta', beta), base, platform, None)
         return geometry

@@ -258,7 +258,12 @@ def jacobian(
 
     """
     matrices = check_rotations('R', R)
-    sensors = check_count('sensors', sensors, 3, 6)
+    sensors = check_count(
+        name='sensors',
+        value=sensors,
+        least=3,
+        most=6,
+    )
     vectors, volumes = _velocity_rows_of(matrices, geometry, working_mode)
     rows = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors], axis=-2)
     diagonal = np.stack(np.broadcast_arrays(*volumes), axis=-1)

@@ -143,7 +143,12 @@ def singularity_locus(
             workspace_pose(points[0], points[1], angle), geometry, working_mode
         )
 
-    low, high, side, _ = changes_of_sign(determinant, float(half), RAYS, CIRCLES)
+    low, high, side, _ = changes_of_sign(
+        function=determinant,
+        half_angle=float(half),
+        rays=RAYS,
+        circles=CIRCLES,
+    )
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         before = determinant(middle) * side > 0.0
@@ -298,9 +303,9 @@ def nearness(
     )
     every = _dexterity(jacobian)
     return Nearness(
-        _dexterity(jacobian[:3]),
-        every,
-        _dexterity(np.delete(jacobian, list(left_out), axis=0)) if left_out else every,
+        three=_dexterity(jacobian[:3]),
+        every=every,
+        in_use=_dexterity(np.delete(jacobian, list(left_out), axis=0)) if left_out else every,
     )
 
 

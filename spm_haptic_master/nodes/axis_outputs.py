@@ -51,7 +51,12 @@ class AxisOutputs:
         }
         self._messages = {axis.name: JointState(name=[axis.name]) for axis in axes}
         self._statuses = {
-            axis.name: StatusPublisher(node, axis.name, source_text) for axis in axes
+            axis.name: StatusPublisher(
+                node=node,
+                aspect=axis.name,
+                hardware_id=source_text,
+            )
+            for axis in axes
         }
         # Time between two messages of the gripper, and stamp of its latest, ns.
         self._gripper_period = round(SECOND / crtk_rate) if crtk_rate else 0

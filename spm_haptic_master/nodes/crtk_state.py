@@ -74,7 +74,10 @@ class CrtkState:
             self._message.header.frame_id = frame_id
             self._out = node.create_publisher(msg.OperatingState, 'operating_state', EVENTS)
             self._commands = StateCommands(
-                node, msg.StringStamped, lambda message: str(message.string), self.command
+                node=node,
+                kind=msg.StringStamped,
+                text_of=lambda message: str(message.string),
+                execute=self.command,
             )
             node.create_timer(REPEAT_PERIOD, self._publish_message, clock=STEADY)
         for text in ('enable', 'disable'):

@@ -92,7 +92,9 @@ class Levels:
         error = values['dexterity_error']
         if error > warn:
             raise SettingError(
-                'dexterity_error', error, f'a number of at most dexterity_warn ({warn:g})'
+                name='dexterity_error',
+                value=error,
+                expected=f'a number of at most dexterity_warn ({warn:g})',
             )
         self._warn = warn
         self._error = error
@@ -189,7 +191,10 @@ class Diagnostics(ParameterNode):
             )
         ]
         self._status = diagnostic_status.StatusPublisher(
-            self, 'singularity', diagnostic_status.MECHANISM, logs=False
+            node=self,
+            aspect='singularity',
+            hardware_id=diagnostic_status.MECHANISM,
+            logs=False,
         )
         self._rivals = Rivals(self, 'orientation', 'measured_js')
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)

@@ -380,7 +380,11 @@ def _gripper_rate(parameters: Parameters, axes: tuple[SingleAxis, ...]) -> float
     if any(axis.name == GRIPPER for axis in axes):
         for name in ('gripper.axis', 'gripper.position_deg'):
             if name in given:
-                raise SettingError(name, given[name], 'nothing where the gripper has an encoder')
+                raise SettingError(
+                    name=name,
+                    value=given[name],
+                    expected='nothing where the gripper has an encoder',
+                )
     return float(given.get('crtk_rate', CRTK_RATE))  # type: ignore[arg-type]
 
 

@@ -45,13 +45,17 @@ def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
     proximal = values['force.gravity_proximal']
     gravity = None
     if any((*handle, *proximal)):
-        gravity = Gravity(handle, proximal, values['force.gravity_down'])
+        gravity = Gravity(
+            handle=handle,
+            proximal=proximal,
+            down=values['force.gravity_down'],
+        )
     controller = ForceController(
-        geometry_from(values),
-        values[WORKING_MODE_SETTING.name],
-        values['force.motors'],
-        limits_from(values),
-        gravity,
+        geometry=geometry_from(values),
+        working_mode=values[WORKING_MODE_SETTING.name],
+        motors=values['force.motors'],
+        limits=limits_from(values),
+        gravity=gravity,
     )
     return controller, make_drives(values)
 
@@ -123,7 +127,11 @@ def _refuse(values: Values, name: str, expected: str) -> NoReturn:
 
     """
     value = values[name]
-    raise SettingError(name, list(value) if isinstance(value, tuple) else value, expected)
+    raise SettingError(
+        name=name,
+        value=list(value) if isinstance(value, tuple) else value,
+        expected=expected,
+    )
 
 
 def limits_from(values: Values) -> ForceLimits:

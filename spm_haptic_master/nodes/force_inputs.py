@@ -309,9 +309,17 @@ class ForceInputs:
             if self._wrench is not None and now == self._wrench.received:
                 now += 1  # each has its own time of arrival
             if is_finite:
-                self._wrench = Wrench(now, found, frame.in_handle)
+                self._wrench = Wrench(
+                    received=now,
+                    torque=found,
+                    in_handle=frame.in_handle,
+                )
             else:
-                self._faulty = Wrench(now, (nan, nan, nan), frame.in_handle)
+                self._faulty = Wrench(
+                    received=now,
+                    torque=(nan, nan, nan),
+                    in_handle=frame.in_handle,
+                )
 
     def _is_old(self, message: WrenchStamped, now: int) -> bool:
         """

@@ -37,7 +37,11 @@ class ForceStatus:
     def __init__(self, node: Node, controller: ForceController, inputs: ForceInputs) -> None:
         self._controller = controller
         self._inputs = inputs
-        self._status = StatusPublisher(node, 'force', 'motors')
+        self._status = StatusPublisher(
+            node=node,
+            aspect='force',
+            hardware_id='motors',
+        )
 
     def publish(
         self,

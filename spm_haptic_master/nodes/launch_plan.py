@@ -170,8 +170,16 @@ def plan(
         given_words += follower.parameters()
         nodes = (*PIPELINE, FOLLOWER)
     # A file may have parameters of teleop, which is not started without a follower.
-    Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
-    given = Parameters(paths, given_words, own)
+    Parameters(
+        files=paths,
+        arguments=(),
+        remaps=own,
+    ).check((*PIPELINE, FOLLOWER), settings.ALL_NAMES)
+    given = Parameters(
+        files=paths,
+        arguments=given_words,
+        remaps=own,
+    )
     _check_values(given, nodes)
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
     if composed:
@@ -201,7 +209,11 @@ def _file_words(paths: Sequence[str], namespace: Sequence[str], nodes: Sequence[
     """Return the arguments that give a process the files with parameters of its nodes."""
     words = []
     for path in paths:
-        parameters = Parameters([path], (), namespace)
+        parameters = Parameters(
+            files=[path],
+            arguments=(),
+            remaps=namespace,
+        )
         if any(parameters.of(node) for node in nodes):
             words += ['--params-file', path]
     return words
@@ -320,7 +332,11 @@ def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
         A file is missing or cannot be read, or the mechanism cannot be assembled.
 
     """
-    given = Parameters(_files(config, calibration), (), _namespace(namespace)).of('fkm')
+    given = Parameters(
+        files=_files(config, calibration),
+        arguments=(),
+        remaps=_namespace(namespace),
+    ).of('fkm')
     return geometry_from(resolver.resolve(given, GEOMETRY_SETTINGS)[1])
 
 

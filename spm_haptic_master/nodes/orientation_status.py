@@ -65,16 +65,18 @@ class OrientationStatus:
         self._supervisor = supervisor
         self._constants = constants
         self._watch = CalibrationWatch(
-            sigma_from(values),
-            limits_from(values).bias,
-            geometry_from(values),
-            values['working_mode'],
+            sigma=sigma_from(values),
+            bias=limits_from(values).bias,
+            geometry=geometry_from(values),
+            working_mode=values['working_mode'],
         )
         # Samples that the watch has taken, and those that were not accepted when it was due.
         self._taken = self._not_accepted = 0
         self._names = ALL_JOINT_NAMES[: values['sensors']]
         self._publisher = diagnostic_status.StatusPublisher(
-            node, 'orientation', diagnostic_status.MECHANISM
+            node=node,
+            aspect='orientation',
+            hardware_id=diagnostic_status.MECHANISM,
         )
         # Samples received; the caller counts them.
         self.received = RateMeter()
@@ -227,7 +229,10 @@ class LatencyStatus:
         self._all_missing = 0
         self._begin_period()
         self._status = diagnostic_status.StatusPublisher(
-            node, 'timing', diagnostic_status.MECHANISM, logs=False
+            node=node,
+            aspect='timing',
+            hardware_id=diagnostic_status.MECHANISM,
+            logs=False,
         )
 
     def _begin_period(self) -> None:

@@ -53,7 +53,12 @@ class Presence(ParameterNode):
         self._heard_at = 0.0
         self._inputs = Inputs(self)
         self._inputs.subscribe(Joy, 'joy', self._on_joy, EVENTS, gone=self._lose)
-        self._status = StatusPublisher(self, 'pedals', 'joystick', logs=False)
+        self._status = StatusPublisher(
+            node=self,
+            aspect='pedals',
+            hardware_id='joystick',
+            logs=False,
+        )
         self.create_timer(1.0 / values['presence.rate'], self._repeat, clock=STEADY)
 
     def _on_joy(self, message: Joy) -> None:

@@ -73,7 +73,12 @@ class SimSlave(ParameterNode):
         self._pose = PoseStamped()
         self._pose.header.frame_id = self._frame
         self._out = self.create_publisher(PoseStamped, 'slave/measured_cp', SAMPLES)
-        self._status = StatusPublisher(self, 'tracking', 'simulated slave', logs=False)
+        self._status = StatusPublisher(
+            node=self,
+            aspect='tracking',
+            hardware_id='simulated slave',
+            logs=False,
+        )
         self.create_subscription(PoseStamped, 'servo_cp', self._on_command, SAMPLES)
         if self._trocar is not None:
             self._begin_laparoscopy(self._trocar)

@@ -65,7 +65,11 @@ def trocar_from(values: Values, name: str = 'teleop.trocar') -> FloatVector | No
     if given == NO_TROCAR:
         return None
     if len(given) != 3:
-        raise SettingError(name, list(given), 'three numbers x, y, z (m), or 0.0 for none')
+        raise SettingError(
+            name=name,
+            value=list(given),
+            expected='three numbers x, y, z (m), or 0.0 for none',
+        )
     x, y, z = given
     return x, y, z
 
@@ -118,9 +122,9 @@ def _limits(values: Values) -> CommandLimits:
     speed = values['teleop.speed_limit']
     if values['teleop.align_speed'] > speed:
         raise SettingError(
-            'teleop.align_speed',
-            values['teleop.align_speed'],
-            f'at most teleop.speed_limit ({speed:g})',
+            name='teleop.align_speed',
+            value=values['teleop.align_speed'],
+            expected=f'at most teleop.speed_limit ({speed:g})',
         )
     return CommandLimits(
         speed=speed,
@@ -161,14 +165,16 @@ def _centre(values: Values) -> RemoteCentreSettings:
     tilt = values['teleop.tilt_limit_deg']
     if 0.0 < scale < LEAST_SCALE:
         raise SettingError(
-            'teleop.insertion_scale',
-            scale,
-            f'at least {LEAST_SCALE:g}, or 0 for a depth that stays',
+            name='teleop.insertion_scale',
+            value=scale,
+            expected=f'at least {LEAST_SCALE:g}, or 0 for a depth that stays',
         )
     shortest, deepest = values['teleop.depth_range']
     if shortest >= deepest:
         raise SettingError(
-            'teleop.depth_range', [shortest, deepest], 'the smaller depth before the larger one'
+            name='teleop.depth_range',
+            value=[shortest, deepest],
+            expected='the smaller depth before the larger one',
         )
     return RemoteCentreSettings(
         scale=scale,
@@ -193,6 +199,8 @@ def _shaft(values: Values) -> FloatVector | None:
         return None
     if abs(length - 1.0) > AXIS_TOLERANCE:
         raise SettingError(
-            'teleop.shaft_axis', [x, y, z], 'a vector of length 1, or zeros where it is not known'
+            name='teleop.shaft_axis',
+            value=[x, y, z],
+            expected='a vector of length 1, or zeros where it is not known',
         )
     return scaled((x, y, z), 1.0 / length)

@@ -47,9 +47,9 @@ class CommandOutput:
         self._twist_out = node.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
         self._twist = TwistStamped()
         self._fading = FadingTwist(
-            values['teleop.acceleration_limit'],
-            values['teleop.insertion_acceleration_limit'],
-            ZEROS,
+            acceleration=values['teleop.acceleration_limit'],
+            sliding_acceleration=values['teleop.insertion_acceleration_limit'],
+            zeros=ZEROS,
         )
         self._period = command_period(values)
         self._commanded_at = self._twisted_at = now

@@ -55,7 +55,12 @@ class TeleopStatus:
         self._latency = LatencyMeter()
         self._commands = RateMeter()
         self.stale_orientations = 0
-        self._status = StatusPublisher(node, 'teleop', 'slave', logs=False)
+        self._status = StatusPublisher(
+            node=node,
+            aspect='teleop',
+            hardware_id='slave',
+            logs=False,
+        )
 
     def count_command(self, stamp: int) -> None:
         """Count a command for the orientation of a stamp, ns, which has just gone out."""

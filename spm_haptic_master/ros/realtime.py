@@ -64,7 +64,9 @@ def agreed(values: Sequence[Values]) -> dict[str, Any]:
         chosen = {each[setting.name] for each in values} - {setting.default}
         if len(chosen) > 1:
             raise SettingError(
-                setting.name, sorted(chosen), 'the same on every node of one process'
+                name=setting.name,
+                value=sorted(chosen),
+                expected='the same on every node of one process',
             )
         result[setting.name] = chosen.pop() if chosen else setting.default
     return result
@@ -97,9 +99,10 @@ def check_cpus(text: str) -> set[int]:
         if all(spans) and all(core in allowed for span in spans for core in span):
             return {core for span in spans for core in span}
     raise SettingError(
-        'realtime.cpus',
-        text,
-        "cores such as '0' or '0,2-3', of those allowed: " + ', '.join(map(str, sorted(allowed))),
+        name='realtime.cpus',
+        value=text,
+        expected="cores such as '0' or '0,2-3', of those allowed: "
+        + ', '.join(map(str, sorted(allowed))),
     )
 
 
@@ -156,7 +159,11 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
     if not seconds:
         return
     if seconds < SHORTEST:
-        raise SettingError(SLICE.name, seconds, f'0, or {SHORTEST:g} to {SLICE.maximum:g}')
+        raise SettingError(
+            name=SLICE.name,
+            value=seconds,
+            expected=f'0, or {SHORTEST:g} to {SLICE.maximum:g}',
+        )
     length = round(1e9 * seconds)
     try:
         # A process that was started with less priority is not to preempt others.

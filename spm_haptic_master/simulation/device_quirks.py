@@ -144,7 +144,12 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
                 f"quirk '{text}': {what} '{name}'; expected one of {', '.join(known)}"
             )
     number, place = _value(text, kind, found['value'])
-    return Quirk(kind, None if joint is None else joints.index(joint), number, place)
+    return Quirk(
+        kind=kind,
+        joint=None if joint is None else joints.index(joint),
+        value=number,
+        subindex=place,
+    )
 
 
 def _value(text: str, kind: str, value: str | None) -> tuple[int, int | None]:

@@ -172,15 +172,26 @@ def make_motion(values: Values) -> NoisyMotion:
     try:
         for trial in range(TRIALS if name != 'fixed' else 1):
             measured_angles(
-                zxz_rotation(*trajectory(trial * TRIAL_SPAN / TRIALS)),
-                rig.geometry,
-                mode,
-                len(rig.sensors),
+                rotation=zxz_rotation(*trajectory(trial * TRIAL_SPAN / TRIALS)),
+                geometry=rig.geometry,
+                working_mode=mode,
+                sensors=len(rig.sensors),
             )
     except UnreachableError as error:
         if name == 'fixed':
-            raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error
+            raise SettingError(
+                name='sim.pose_deg',
+                value=list(pose),
+                expected='a pose within reach',
+            ) from error
         raise SettingError(
-            'sim.trajectory', name, 'a motion within reach of the simulated mechanism'
+            name='sim.trajectory',
+            value=name,
+            expected='a motion within reach of the simulated mechanism',
         ) from error
-    return NoisyMotion(trajectory, rig, values['sim.seed'], mode)
+    return NoisyMotion(
+        trajectory=trajectory,
+        rig=rig,
+        seed=values['sim.seed'],
+        working_mode=mode,
+    )

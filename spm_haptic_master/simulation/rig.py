@@ -221,8 +221,8 @@ def random_rig(
         built,
         tuple(
             SensorErrors(
-                harmonic(tolerances.first_harmonic),
-                harmonic(tolerances.second_harmonic),
+                first_harmonic=harmonic(tolerances.first_harmonic),
+                second_harmonic=harmonic(tolerances.second_harmonic),
                 noise=noise,
             )
             for _ in range(sensors)
@@ -398,7 +398,11 @@ def make_rig(values: Values) -> Rig:
     seed = values['sim.rig_seed']
     sensors = values['sensors']
     if path and seed:
-        raise SettingError('sim.rig_seed', seed, f'0 with a sim.rig_file ({path})')
+        raise SettingError(
+            name='sim.rig_seed',
+            value=seed,
+            expected=f'0 with a sim.rig_file ({path})',
+        )
     if path:
         return read_rig(path, geometry, noise, sensors)
     if seed:

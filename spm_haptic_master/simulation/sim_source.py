@@ -235,7 +235,17 @@ def _joints(kind: str, faults: Iterable[Fault]) -> list[int]:
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:
     """Return an angle as the driver has it, rad: quantised, then corrected by its harmonics."""
-    reading = angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)
+    reading = angle_from_counts(
+        counts=counts_from_angle(
+            angle=angle,
+            zero_count=0,
+            direction=1,
+            counts_per_turn=per_turn,
+        ),
+        zero_count=0,
+        direction=1,
+        counts_per_turn=per_turn,
+    )
     if harmonics is None:
         return reading
     return float(harmonics.angles(reading))

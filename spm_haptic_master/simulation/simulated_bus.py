@@ -75,7 +75,12 @@ class SimulatedBus:
         ids = (*(node_ids or (None,) * len(layouts)), *(axis.node_id for axis in axes))
         layouts = (*layouts, *(axis.layout for axis in axes))
         self.nodes = tuple(
-            SimulatedNode(layout, node_id, options, quirks_of(quirks, index))
+            SimulatedNode(
+                layout=layout,
+                node_id=node_id,
+                options=options,
+                quirks=quirks_of(quirks, index),
+            )
             for index, (layout, node_id) in enumerate(zip(layouts, ids, strict=True))
         )
         self.faults = Faults(faults)

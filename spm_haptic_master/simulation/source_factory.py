@@ -53,11 +53,11 @@ def make_source(name: str, values: Values, drives: tuple[int, ...] = ()) -> Enco
     """
     if name == 'sim':
         return SimSource(
-            make_motion(values),
-            values['rate'],
-            values['encoders.counts_per_turn'],
-            make_harmonics(values),
-            make_axes(values, HEARTBEAT_TIMEOUT),
+            motion=make_motion(values),
+            rate=values['rate'],
+            counts_per_turn=values['encoders.counts_per_turn'],
+            harmonics=make_harmonics(values),
+            axes=make_axes(values, HEARTBEAT_TIMEOUT),
         )
     if name == 'replay':
         return make_replay(values)
@@ -90,11 +90,11 @@ def make_replay(values: Values) -> ReplaySource:
 
     """
     return ReplaySource(
-        values['replay.path'],
-        values['replay.rate'],
-        values['replay.loop'],
-        make_decoder(values),
-        values['can.channel'],
+        path=values['replay.path'],
+        rate=values['replay.rate'],
+        loop=values['replay.loop'],
+        decoder=make_decoder(values),
+        channel=values['can.channel'],
     )
 
 
@@ -106,23 +106,25 @@ def _make_can(values: Values, drives: tuple[int, ...]) -> CanSource:
         check_bus_load(decoder.layouts, decoder.sync_id is not None, rate, values['can.bitrate'])
     if values['can.timeout'] * rate < 2.0:
         raise SettingError(
-            'can.timeout',
-            values['can.timeout'],
-            f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz',
+            name='can.timeout',
+            value=values['can.timeout'],
+            expected=f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz',
         )
     produce = None
     if values['can.sync'] == 'produce':
         if decoder.sync_id is None:
             raise SettingError(
-                'can.sync', 'produce', 'consume where encoders.sync_id is 0 (the bus has no SYNC)'
+                name='can.sync',
+                value='produce',
+                expected='consume where encoders.sync_id is 0 (the bus has no SYNC)',
             )
         produce = 1.0 / rate
     return CanSource(
-        values['can.interface'],
-        values['can.channel'],
-        values['can.bitrate'],
-        decoder,
-        values['can.timeout'],
-        produce,
-        values['can.nmt_stop'],
+        interface=values['can.interface'],
+        channel=values['can.channel'],
+        bitrate=values['can.bitrate'],
+        decoder=decoder,
+        timeout=values['can.timeout'],
+        produce=produce,
+        stop_nodes=values['can.nmt_stop'],
     )

@@ -91,7 +91,14 @@ class Steering:
         # delay asks for a time before the latest one.
         self._requests: deque[Place | None] = deque(maxlen=1)
         nothing = Place(0.0, 0.0, 0.0)
-        self._courses = [Course(ALWAYS, None, nothing, nothing)] * 2
+        self._courses = [
+            Course(
+                begins=ALWAYS,
+                target=None,
+                offset=nothing,
+                rate=nothing,
+            )
+        ] * 2
         self._latest = 0.0
 
     def steer(self, tilt: float, azimuth: float, phi: float) -> None:
@@ -142,7 +149,15 @@ class Steering:
         rate = Place(
             *(DECAY * now + (now - last) / STEP for now, last in zip(offset, before, strict=True))
         )
-        self._courses = [self._courses[1], Course(t, target, offset, rate)]
+        self._courses = [
+            self._courses[1],
+            Course(
+                begins=t,
+                target=target,
+                offset=offset,
+                rate=rate,
+            ),
+        ]
 
     def _difference(self, t: float, target: Place | None) -> Place:
         """Return how far a target is; of the self-rotation the nearer way round."""

@@ -331,7 +331,11 @@ class Teleoperation:
         if inputs.trocar is None:
             return None
         return RemoteCentre(
-            self._conditions.centre, inputs.trocar, slave, inputs.insertion, self._pivot
+            settings=self._conditions.centre,
+            trocar=inputs.trocar,
+            slave=slave,
+            insertion=inputs.insertion,
+            known=self._pivot,
         )
 
     def _release(self, reason: str) -> None:

@@ -65,10 +65,16 @@ class FadingTwist:
         if passed < duration:
             left = 1.0 - passed / duration
             self._motion = Motion(
-                scaled(first.angular, left), first.lever, scaled(first.sliding, left)
+                angular=scaled(first.angular, left),
+                lever=first.lever,
+                sliding=scaled(first.sliding, left),
             )
         else:
-            self._motion = Motion(ZERO, first.lever, ZERO)
+            self._motion = Motion(
+                angular=ZERO,
+                lever=first.lever,
+                sliding=ZERO,
+            )
             self._zeros_left -= 1
         return self._motion
 

@@ -204,7 +204,11 @@ class RemoteCentre:
         self.pivot = Pivot(trocar, shaft, axis)
         self.cone: TiltCone | None = None
         if settings.largest_tilt < inf:
-            self.cone = TiltCone(shaft, axis, settings.largest_tilt)
+            self.cone = TiltCone(
+                shaft=shaft,
+                axis=axis,
+                largest=settings.largest_tilt,
+            )
         self._scale = settings.scale
         self._first_insertion = insertion
         self._first_depth = depth_of(trocar, slave)
@@ -223,5 +227,9 @@ class RemoteCentre:
         lever = scaled(direction, self._depth.depth)
         return Command(
             Pose(rotation, total(self.pivot.trocar, lever)),
-            Motion(angular, lever, sliding=scaled(direction, self._depth.rate)),
+            Motion(
+                angular=angular,
+                lever=lever,
+                sliding=scaled(direction, self._depth.rate),
+            ),
         )

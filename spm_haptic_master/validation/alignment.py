@@ -713,11 +713,11 @@ def _refined(
         velocity = turn / (2.0 * VELOCITY_HALF_WIDTH)
         rows = np.concatenate(
             _changes(
-                velocity,
-                pair.captured_time[known],
-                here,
-                with_rate,
-                not body_known,
+                velocity=velocity,
+                captured_time=pair.captured_time[known],
+                recorded=here,
+                with_rate=with_rate,
+                with_body=not body_known,
             )
         )
         # A motion about one axis does not separate frame and body: the solution is the least

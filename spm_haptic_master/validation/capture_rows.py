@@ -214,10 +214,10 @@ def continuous(
     """
     good = np.zeros(len(time), dtype=bool)
     follows = _follows(
-        time[:-1],
-        quaternions[:-1],
-        time[1:],
-        quaternions[1:],
+        time=time[:-1],
+        quaternion=quaternions[:-1],
+        later=time[1:],
+        after=quaternions[1:],
     )
     breaks = np.flatnonzero(~follows) + 1
     pieces = np.split(np.arange(len(time)), breaks)
@@ -232,10 +232,10 @@ def continuous(
         for piece in others:
             near = piece[first]
             if _follows(
-                time[last],
-                quaternions[last],
-                time[near],
-                quaternions[near],
+                time=time[last],
+                quaternion=quaternions[last],
+                later=time[near],
+                after=quaternions[near],
             ):
                 good[piece] = True
                 last = piece[edge]
