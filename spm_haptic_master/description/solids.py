@@ -32,26 +32,107 @@ CHAMFER = 0.25
 STL_HEADER = 80
 # Legs, in names of links and joints.
 LEGS = ('a', 'b', 'c')
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """Size of a bar, unit SIZE: radius of its middle about O, width and thickness."""
+
+    radius: float
+    width: float
+    thickness: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """
+    Size of a cylinder about z.
+
+    Attributes
+    ----------
+    radius : float
+        Its radius, unit SIZE.
+    low, high : float
+        Distances of its ends from O, unit SIZE.
+
+    """
+
+    radius: float
+    low: float
+    high: float
+
+
 # Radius of the proximal links about O (m). The paper gives angles only; orientations do not
 # depend on it.
 SIZE = 0.1
-# Bars: radius about O of the middle, width and thickness (unit SIZE).
-PROXIMAL = (1.0, 0.085, 0.06)
-DISTAL = (0.855, 0.085, 0.06)
-PLATFORM = (0.722, 0.085, 0.06)
-BASE = 1.2, 0.13, 0.07
-# Cylinders: radius, and the radii about O between which each is (unit SIZE): discs of the proximal
-# link at Z1k and Z2k, of the distal link at Z2k and Z3k, of the platform at Z3k; pins of the third
-# joints; motors; encoders outside a motor or a distal link.
-PROXIMAL_AT_1 = (0.075, 0.955, 1.06)
-PROXIMAL_AT_2 = (0.075, 0.92, 1.045)
-DISTAL_AT_2 = (0.075, 0.81, 0.9)
-DISTAL_AT_3 = (0.075, 0.78, 0.9)
-PLATFORM_AT_3 = (0.075, 0.68, 0.76)
-PIN = (0.03, 0.68, 0.9)
-MOTOR = (0.12, 1.08, 1.36)
-MOTOR_ENCODER = (0.095, 1.36, 1.41)
-THIRD_ENCODER = 0.095, 0.905, 0.945
+PROXIMAL = Bar(
+    radius=1.0,
+    width=0.085,
+    thickness=0.06,
+)
+DISTAL = Bar(
+    radius=0.855,
+    width=0.085,
+    thickness=0.06,
+)
+PLATFORM = Bar(
+    radius=0.722,
+    width=0.085,
+    thickness=0.06,
+)
+BASE = Bar(
+    radius=1.2,
+    width=0.13,
+    thickness=0.07,
+)
+# Discs of the proximal link at Z1k and Z2k, of the distal link at Z2k and Z3k, of the platform at
+# Z3k.
+PROXIMAL_AT_1 = Cylinder(
+    radius=0.075,
+    low=0.955,
+    high=1.06,
+)
+PROXIMAL_AT_2 = Cylinder(
+    radius=0.075,
+    low=0.92,
+    high=1.045,
+)
+DISTAL_AT_2 = Cylinder(
+    radius=0.075,
+    low=0.81,
+    high=0.9,
+)
+DISTAL_AT_3 = Cylinder(
+    radius=0.075,
+    low=0.78,
+    high=0.9,
+)
+PLATFORM_AT_3 = Cylinder(
+    radius=0.075,
+    low=0.68,
+    high=0.76,
+)
+# Pins of the third joints; motors; encoders outside a motor or a distal link.
+PIN = Cylinder(
+    radius=0.03,
+    low=0.68,
+    high=0.9,
+)
+MOTOR = Cylinder(
+    radius=0.12,
+    low=1.08,
+    high=1.36,
+)
+MOTOR_ENCODER = Cylinder(
+    radius=0.095,
+    low=1.36,
+    high=1.41,
+)
+THIRD_ENCODER = Cylinder(
+    radius=0.095,
+    low=0.905,
+    high=0.945,
+)
 # Profile of the handle on Z_E: radius and distance from O (unit SIZE).
 HANDLE = (
     (0.075, 0.69),
@@ -146,19 +227,15 @@ class Solid:
         centre = density * (volumes @ sums) / (4.0 * mass)
         # Second moments about the origin, integral of r r^T dV: of a tetrahedron with one corner
         # there, volume / 20 times (sum of corner corner^T + (sum of corners) (sum)^T).
-        moments = (
-            density
-            / 20.0
-            * (
-                np.einsum('t,tci,tcj->ij', volumes, corners, corners)
-                + np.einsum('t,ti,tj->ij', volumes, sums, sums)
-            )
-        )
+        outer = np.einsum('t,tci,tcj->ij', volumes, corners, corners)
+        outer_of_sums = np.einsum('t,ti,tj->ij', volumes, sums, sums)
+        moments = density / 20.0 * (outer + outer_of_sums)
         moments -= mass * np.outer(centre, centre)
+        identity = np.eye(3)
         return MassProperties(
             mass=float(mass),
             centre=centre,
-            inertia=np.trace(moments) * np.eye(3) - moments,
+            inertia=np.trace(moments) * identity - moments,
         )
 
     def stl(self, name: str) -> bytes:
@@ -178,17 +255,23 @@ class Solid:
 
         """
         corners = self.vertices[self.triangles].astype('<f4')
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        first = corners[:, 0]
+        one_edge = corners[:, 1] - first
+        other_edge = corners[:, 2] - first
+        normals = np.cross(one_edge, other_edge)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        facets = np.zeros(
-            len(corners),
-            dtype=[('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')],
-        )
-        np.divide(normals, lengths, out=facets['normal'], where=lengths > 0.0)
+        layout = [
+            ('normal', '<f4', 3),
+            ('corners', '<f4', (3, 3)),
+            ('attribute', '<u2'),
+        ]
+        facets = np.zeros(len(corners), dtype=layout)
+        has_area = lengths > 0.0
+        np.divide(normals, lengths, out=facets['normal'], where=has_area)
         facets['corners'] = corners
-        return (
-            name.encode().ljust(STL_HEADER) + len(corners).to_bytes(4, 'little') + facets.tobytes()
-        )
+        header = name.encode().ljust(STL_HEADER)
+        count = len(corners).to_bytes(4, 'little')
+        return header + count + facets.tobytes()
 
 
 def solids(geometry: Geometry) -> dict[str, Solid]:
@@ -209,28 +292,53 @@ def solids(geometry: Geometry) -> dict[str, Solid]:
         `base`, `proximal_K`, `distal_K` (K: a, b, c) and `platform`.
 
     """
-    axes = np.array(geometry.base_axes)
-    ends = np.array(geometry.platform_axes)
-    platform = together(
-        *(cylinder(PLATFORM_AT_3).turned(onto(axis)) for axis in ends),
-        *(_arc_between(np.array([0.0, 0.0, 1.0]), axis, PLATFORM) for axis in ends),
-        turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]),
-    )
-    return {
-        'base': together(
-            *(cylinder(MOTOR).turned(onto(axis)) for axis in axes),
-            *(_arc_between(axes[k], axes[(k + 1) % 3], BASE) for k in range(3)),
-        ),
-        **{
-            f'proximal_{name}': _link(angle, PROXIMAL, PROXIMAL_AT_1, PROXIMAL_AT_2)
-            for name, angle in zip(LEGS, geometry.alphas, strict=True)
-        },
-        **{
-            f'distal_{name}': _link(angle, DISTAL, DISTAL_AT_2, DISTAL_AT_3)
-            for name, angle in zip(LEGS, geometry.betas, strict=True)
-        },
-        'platform': platform,
+    named = {
+        'base': _base(geometry),
+        'platform': _platform(geometry),
     }
+    for name, alpha in zip(LEGS, geometry.alphas, strict=True):
+        named[f'proximal_{name}'] = _link(
+            angle=alpha,
+            bar=PROXIMAL,
+            first=PROXIMAL_AT_1,
+            second=PROXIMAL_AT_2,
+        )
+    for name, beta in zip(LEGS, geometry.betas, strict=True):
+        named[f'distal_{name}'] = _link(
+            angle=beta,
+            bar=DISTAL,
+            first=DISTAL_AT_2,
+            second=DISTAL_AT_3,
+        )
+    return named
+
+
+def _base(geometry: Geometry) -> Solid:
+    """Return the base: the three motors, and bars between them."""
+    axes = np.array(geometry.base_axes)
+    parts = []
+    for axis in axes:
+        motor = cylinder(MOTOR)
+        parts.append(motor.turned(onto(axis)))
+    for k in range(3):
+        following = axes[(k + 1) % 3]
+        parts.append(_arc_between(axes[k], following, BASE))
+    return together(*parts)
+
+
+def _platform(geometry: Geometry) -> Solid:
+    """Return the platform: a disc at each Z3k, bars from them to Z_E, and the handle."""
+    ends = np.array(geometry.platform_axes)
+    parts = []
+    for axis in ends:
+        disc = cylinder(PLATFORM_AT_3)
+        parts.append(disc.turned(onto(axis)))
+    handle_axis = np.array([0.0, 0.0, 1.0])
+    for axis in ends:
+        parts.append(_arc_between(handle_axis, axis, PLATFORM))
+    handle = [(SIZE * radius, SIZE * height) for radius, height in HANDLE]
+    parts.append(turned_profile(handle))
+    return together(*parts)
 
 
 def masses(geometry: Geometry) -> dict[str, MassProperties]:
@@ -254,8 +362,12 @@ def masses(geometry: Geometry) -> dict[str, MassProperties]:
     named = solids(geometry)
     del named['base']
     named['spm_platform'] = named.pop('platform')
-    named |= {f'carrier_{name}': cylinder(PIN) for name in LEGS}
-    return {name: solid.mass_properties(DENSITY) for name, solid in named.items()}
+    for leg in LEGS:
+        named[f'carrier_{leg}'] = cylinder(PIN)
+    found = {}
+    for name, solid in named.items():
+        found[name] = solid.mass_properties(DENSITY)
+    return found
 
 
 def onto(axes: Sequence[object] | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -275,23 +387,30 @@ def onto(axes: Sequence[object] | NDArray[np.float64]) -> NDArray[np.float64]:
     """
     z = np.asarray(axes, dtype=float)
     # Any direction that is far from the axis.
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=-1)], z)
-    x /= np.sqrt(x[..., None, :] @ x[..., None])[..., 0]
+    smallest = np.argmin(np.abs(z), axis=-1)
+    far = np.eye(3)[smallest]
+    x = np.cross(far, z)
+    squared_length = x[..., None, :] @ x[..., None]
+    x /= np.sqrt(squared_length)[..., 0]
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
 def together(*solids: Solid) -> Solid:
     """Return several solids as one; where they overlap, both surfaces stay."""
-    offsets = np.cumsum([0, *(len(each.vertices) for each in solids[:-1])])
+    vertices = []
+    triangles = []
+    offset = 0
+    for solid in solids:
+        vertices.append(solid.vertices)
+        triangles.append(solid.triangles + offset)
+        offset += len(solid.vertices)
     return Solid(
-        np.concatenate([each.vertices for each in solids]),
-        np.concatenate(
-            [each.triangles + offset for each, offset in zip(solids, offsets, strict=True)]
-        ).astype(np.int32),
+        vertices=np.concatenate(vertices),
+        triangles=np.concatenate(triangles).astype(np.int32),
     )
 
 
-def cylinder(size: Sequence[float]) -> Solid:
+def cylinder(size: Cylinder) -> Solid:
     """
     Return a chamfered cylinder about z: radius and the heights of its ends, unit SIZE.
 
@@ -306,11 +425,17 @@ def cylinder(size: Sequence[float]) -> Solid:
         In m.
 
     """
-    radius, low, high = (SIZE * each for each in size)
+    radius = SIZE * size.radius
+    low = SIZE * size.low
+    high = SIZE * size.high
     rim = CHAMFER * min(radius, high - low)
-    return turned_profile(
-        [(radius - rim, low), (radius, low + rim), (radius, high - rim), (radius - rim, high)]
-    )
+    profile = [
+        (radius - rim, low),
+        (radius, low + rim),
+        (radius, high - rim),
+        (radius - rim, high),
+    ]
+    return turned_profile(profile)
 
 
 def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
@@ -329,13 +454,16 @@ def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
 
     """
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
-    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=1)
-    return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])
+    cosines = np.cos(turn)
+    sines = np.sin(turn)
+    circle = np.stack([cosines, sines, np.zeros(TURN_POINTS)], axis=1)
+    rings = []
+    for radius, height in profile:
+        rings.append(radius * circle + (0.0, 0.0, height))
+    return _tube(rings)
 
 
-def _link(
-    angle: float, bar: Sequence[float], first: Sequence[float], second: Sequence[float]
-) -> Solid:
+def _link(angle: float, bar: Bar, first: Cylinder, second: Cylinder) -> Solid:
     """
     Return a bar of an angle, rad, with a disc at either end.
 
@@ -356,26 +484,32 @@ def _link(
     """
     c = np.cos(angle)
     s = np.sin(angle)
-    there = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    return together(_arc_bar(angle, bar), cylinder(first), cylinder(second).turned(there))
+    about_x = [
+        [1.0, 0.0, 0.0],
+        [0.0, c, -s],
+        [0.0, s, c],
+    ]
+    there = cylinder(second).turned(np.array(about_x))
+    return together(_arc_bar(angle, bar), cylinder(first), there)
 
 
-def _arc_between(
-    start: NDArray[np.float64], end: NDArray[np.float64], bar: Sequence[float]
-) -> Solid:
+def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64], bar: Bar) -> Solid:
     """Return a bar along the great circle from one unit vector to another."""
     across = np.cross(start, end)
     sine = float(np.linalg.norm(across))
-    angle = acos(max(-1.0, min(1.0, float(start @ end))))
+    cosine = float(start @ end)
+    angle = acos(max(-1.0, min(1.0, cosine)))
     # Of no length, it has any direction.
     if sine > 0.0:
         x = across / sine
     else:
         x = onto(start)[:, 0]
-    return _arc_bar(angle, bar).turned(np.stack([x, np.cross(start, x), start], axis=1))
+    y = np.cross(start, x)
+    turn = np.stack([x, y, start], axis=1)
+    return _arc_bar(angle, bar).turned(turn)
 
 
-def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
+def _arc_bar(angle: float, bar: Bar) -> Solid:
     """
     Return a bar, with its width across the arc, along a sphere from z to Rx(angle) z, rad.
 
@@ -392,9 +526,10 @@ def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
         With chamfered edges, m.
 
     """
-    radius, width, thickness = (SIZE * each for each in bar)
+    radius = SIZE * bar.radius
+    thickness = SIZE * bar.thickness
     chamfer = CHAMFER * thickness
-    x = 0.5 * width
+    x = 0.5 * (SIZE * bar.width)
     r = 0.5 * thickness
     # Across and along the radius, counter-clockwise about the direction of the arc.
     section = [
@@ -408,17 +543,15 @@ def _arc_bar(angle: float, bar: Sequence[float]) -> Solid:
         (x - chamfer, -r),
     ]
     steps = max(2, round(ARC_SECTIONS * angle))
-    return _tube(
-        [
-            np.array(
-                [
-                    (across, -(radius + along) * sin(t), (radius + along) * cos(t))
-                    for across, along in section
-                ]
-            )
-            for t in (angle * step / steps for step in range(steps + 1))
-        ]
-    )
+    rings = []
+    for step in range(steps + 1):
+        t = angle * step / steps
+        ring = []
+        for across, along in section:
+            distance = radius + along
+            ring.append((across, -distance * sin(t), distance * cos(t)))
+        rings.append(np.array(ring))
+    return _tube(rings)
 
 
 def _tube(rings: list[NDArray[np.float64]]) -> Solid:
@@ -438,21 +571,27 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
     """
     count = len(rings)
     n = len(rings[0])
-    here = np.arange(count * n).reshape(count, n)
-    there = np.roll(here, -1, axis=1)
-    first = np.full(n, count * n)
-    last = np.full(n, count * n + 1)
-    sides = [
-        np.stack(corners, axis=2)
-        for corners in ((here[:-1], there[:-1], there[1:]), (here[:-1], there[1:], here[1:]))
+    numbers = np.arange(count * n).reshape(count, n)
+    # Corners of each side's two triangles: here and there on a ring, and on the next one.
+    here = numbers[:-1]
+    there = np.roll(numbers, -1, axis=1)[:-1]
+    next_here = numbers[1:]
+    next_there = np.roll(numbers, -1, axis=1)[1:]
+    one_half = np.stack((here, there, next_there), axis=2)
+    other_half = np.stack((here, next_there, next_here), axis=2)
+    sides = np.stack([one_half, other_half], axis=1)
+    first_middle = np.full(n, count * n)
+    last_middle = np.full(n, count * n + 1)
+    below = np.stack((first_middle, there[0], here[0]), axis=1)
+    above = np.stack((last_middle, next_here[-1], next_there[-1]), axis=1)
+    middles = [
+        rings[0].mean(axis=0)[None],
+        rings[-1].mean(axis=0)[None],
     ]
-    ends = [
-        np.stack(corners, axis=1)
-        for corners in ((first, there[0], here[0]), (last, here[-1], there[-1]))
-    ]
+    triangles = np.concatenate([sides.reshape(-1, 3), below, above])
     return Solid(
-        np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]]),
-        np.concatenate([np.stack(sides, axis=1).reshape(-1, 3), *ends]).astype(np.int32),
+        vertices=np.concatenate([*rings, *middles]),
+        triangles=triangles.astype(np.int32),
     )
 
 
@@ -476,14 +615,24 @@ def link_turns(geometry: Geometry, angles: Sequence[float]) -> list[Quaternion[f
         Turns of the three proximal links, of the three distal links, and of the platform.
 
     """
-    turns = [(0.0, 0.0, sin(0.5 * angle), cos(0.5 * angle)) for angle in angles]
+    turns = [_about_z(angle) for angle in angles]
+    links = [_about_x(alpha) for alpha in geometry.alphas]
     base = map(leg_frame, BASE_TURNS, geometry.base_axes)
     proximal = list(map(multiply_quaternions, base, turns[::3]))
-    links = [(sin(0.5 * alpha), 0.0, 0.0, cos(0.5 * alpha)) for alpha in geometry.alphas]
     bent = map(multiply_quaternions, proximal, links)
+    distal = map(multiply_quaternions, bent, turns[1::3])
     th1a, th2a, th3a = angles[:3]
-    return [
-        *proximal,
-        *map(multiply_quaternions, bent, turns[1::3]),
-        chain_quaternion(th1a, th2a, th3a, geometry, FLOATS),
-    ]
+    platform = chain_quaternion(th1a, th2a, th3a, geometry, FLOATS)
+    return [*proximal, *distal, platform]
+
+
+def _about_z(angle: float) -> Quaternion[float]:
+    """Return the quaternion x, y, z, w of a turn about z, rad."""
+    half = 0.5 * angle
+    return 0.0, 0.0, sin(half), cos(half)
+
+
+def _about_x(angle: float) -> Quaternion[float]:
+    """Return the quaternion x, y, z, w of a turn about x, rad."""
+    half = 0.5 * angle
+    return sin(half), 0.0, 0.0, cos(half)

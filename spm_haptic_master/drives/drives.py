@@ -454,7 +454,10 @@ class Drives:
             self._close_bus(bus)
 
     def _send_torques(
-        self, operate: bool, torques: tuple[float, ...] | None, resets: bool = False
+        self,
+        operate: bool,
+        torques: tuple[float, ...] | None,
+        resets: bool = False,
     ) -> None:
         """
         Send torques with the controlword of each drive's next transition.

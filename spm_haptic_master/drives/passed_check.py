@@ -164,7 +164,9 @@ class PassedCheck:
 
 
 def passed_check(
-    date: str, plans: Iterable[DrivePlan], identities: Iterable[Identity]
+    date: str,
+    plans: Iterable[DrivePlan],
+    identities: Iterable[Identity],
 ) -> PassedCheck:
     """
     Return the check of drives that has passed.

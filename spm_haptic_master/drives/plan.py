@@ -169,7 +169,10 @@ class Plan:
 
 
 def torque_frames(
-    plan: Plan, controlwords: list[int], torques: list[int], controls: bool
+    plan: Plan,
+    controlwords: list[int],
+    torques: list[int],
+    controls: bool,
 ) -> list[tuple[int, bytes]]:
     """
     Return the frames of a sample.
@@ -276,7 +279,12 @@ def make_plan(values: Values) -> Plan:
 
 
 def _drive_plan(
-    joint: str, node_id: int, values: Values, torque: float, gear: float, direction: int
+    joint: str,
+    node_id: int,
+    values: Values,
+    torque: float,
+    gear: float,
+    direction: int,
 ) -> DrivePlan:
     """
     Return one drive; its cap is the torque limit in per mille, rounded down.

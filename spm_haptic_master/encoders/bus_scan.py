@@ -175,7 +175,9 @@ class BusScan:
     """
 
     def __init__(
-        self, sync_id: int | None = canopen.SYNC_ID, layouts: Iterable[EncoderLayout] = ()
+        self,
+        sync_id: int | None = canopen.SYNC_ID,
+        layouts: Iterable[EncoderLayout] = (),
     ) -> None:
         self.sync_id = sync_id
         self.watches = {

@@ -184,7 +184,9 @@ def _window(values: Values) -> float:
 
 
 def _check_identifiers(
-    layouts: tuple[EncoderLayout, ...], sync_id: int | None, canopen_nodes: bool
+    layouts: tuple[EncoderLayout, ...],
+    sync_id: int | None,
+    canopen_nodes: bool,
 ) -> None:
     """Raise SettingError if the identifier of SYNC or of an encoder's frame has another use."""
     taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
@@ -199,7 +201,9 @@ def _check_identifiers(
 
 
 def _check_reserved(
-    layouts: tuple[EncoderLayout, ...], taken: dict[int, str], sync_id: int | None
+    layouts: tuple[EncoderLayout, ...],
+    taken: dict[int, str],
+    sync_id: int | None,
 ) -> None:
     """Raise SettingError if an identifier that is taken has another use in CANopen."""
     for can_id, joint in taken.items():
@@ -380,7 +384,9 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
 
 
 def _bit_requirements(
-    layout: EncoderLayout, counts: int, length: str
+    layout: EncoderLayout,
+    counts: int,
+    length: str,
 ) -> tuple[tuple[str, bool, str], ...]:
     """
     Return the requirements of rolling counter and status bits.
@@ -503,7 +509,10 @@ def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
 
 
 def check_bus_load(
-    layouts: tuple[EncoderLayout, ...], sync: bool, rate: float, bitrate: int
+    layouts: tuple[EncoderLayout, ...],
+    sync: bool,
+    rate: float,
+    bitrate: int,
 ) -> None:
     """
     Refuse a rate that the bus cannot carry.

@@ -262,7 +262,10 @@ def _agrees(rate: float, expected: float) -> bool:
 
 
 def _encoder_problems(
-    scan: BusScan, layout: EncoderLayout, node_id: int | None, expected: Expected
+    scan: BusScan,
+    layout: EncoderLayout,
+    node_id: int | None,
+    expected: Expected,
 ) -> list[str]:
     """Return what is wrong with one encoder: its frames, their counts, its node."""
     identifier = f'0x{layout.can_id:X}'
@@ -291,7 +294,11 @@ def _encoder_problems(
 
 
 def _node_problems(
-    scan: BusScan, node: HeardNode, layout: EncoderLayout, expected: Expected, missing: bool
+    scan: BusScan,
+    node: HeardNode,
+    layout: EncoderLayout,
+    expected: Expected,
+    missing: bool,
 ) -> list[str]:
     """Return what a node reports, but for emergencies where it is missing, and its objects."""
     found = [] if missing else list(node.emergencies)

@@ -251,7 +251,10 @@ class SetAssembler:
         return self._complete(cycle, stamp, ended)
 
     def _complete(
-        self, cycle: Cycle, stamp: float, ended: JointSample | None
+        self,
+        cycle: Cycle,
+        stamp: float,
+        ended: JointSample | None,
     ) -> JointSample | None:
         """Return the set that an answer completes; `ended` where late ones may yet come."""
         if self._unsettled and self.late.undecided:
@@ -275,7 +278,12 @@ class SetAssembler:
         return 0.0 <= stamp - cycle.start <= self._window
 
     def _is_awaited(
-        self, cycle: Cycle, index: int, angle: float, stamp: float, lost: int | None
+        self,
+        cycle: Cycle,
+        index: int,
+        angle: float,
+        stamp: float,
+        lost: int | None,
     ) -> bool:
         """Return whether an answer is one that the set waits for; the others are accounted for."""
         if cycle.angles[index] is not None:
@@ -284,7 +292,11 @@ class SetAssembler:
         return self._expects(cycle, index, stamp, lost)
 
     def _refusal_of_late(
-        self, cycle: Cycle, index: int, stamp: float, refused: str | None
+        self,
+        cycle: Cycle,
+        index: int,
+        stamp: float,
+        refused: str | None,
     ) -> str | None:
         """Note an answer that is not in time; return why it has no reading, if it has none."""
         cycle.tardy.add(index)

@@ -208,7 +208,9 @@ def common_turns(first: Vector[float], second: Vector[float]) -> Sequence[float]
 
 
 def polish(
-    chain: LockedChain[float], th2a: float, th3a: float
+    chain: LockedChain[float],
+    th2a: float,
+    th3a: float,
 ) -> tuple[float, float, float, float]:
     """Polish th2A, th3A (rad) by Newton's method; return both, closure error, determinant."""
     fb, b2, b3, fc, c2, c3 = chain.closures(th2a, th3a)
@@ -325,7 +327,10 @@ class TrackedMode(NamedTuple):
 
 
 def continue_mode(
-    th1: Sequence[float], th2a: float, th3a: float, geometry: Geometry
+    th1: Sequence[float],
+    th2a: float,
+    th3a: float,
+    geometry: Geometry,
 ) -> tuple[Quaternion[float], float, float]:
     """
     Classic forward model along a motion, by Newton's method from the last passive angles.
@@ -356,7 +361,9 @@ def continue_mode(
 
 
 def track_mode(
-    th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOMETRY
+    th1: ArrayLike,
+    last: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
 ) -> TrackedMode:
     """
     Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).

@@ -62,7 +62,11 @@ Closure: TypeAlias = tuple[Vector[float], Vector[float], float]
 
 
 def theta3a_quaternion(
-    th1a: float, th1b: float, th1c: float, th3a: float, geometry: Geometry
+    th1a: float,
+    th1b: float,
+    th1c: float,
+    th3a: float,
+    geometry: Geometry,
 ) -> Quaternion[float]:
     """
     Case 2 in plain floats, for the 1 kHz path: orientation from four angles (eqs. 15, 16).
@@ -101,7 +105,9 @@ def theta3a_quaternion(
 
 
 def forward_theta3a(
-    th1: ArrayLike, theta3a: ArrayLike, geometry: Geometry = PAPER_GEOMETRY
+    th1: ArrayLike,
+    theta3a: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
 ) -> Array:
     """
     Case 2: orientations from the active joints and th3A, in closed form (eqs. 15, 16).
@@ -139,7 +145,9 @@ def forward_theta3a(
 
 
 def forward_theta2a(
-    th1: ArrayLike, theta2a: ArrayLike, geometry: Geometry = PAPER_GEOMETRY
+    th1: ArrayLike,
+    theta2a: ArrayLike,
+    geometry: Geometry = PAPER_GEOMETRY,
 ) -> Array:
     """
     Case 1: orientations from the active joints and th2A, in closed form (eqs. 13, 14).
@@ -177,7 +185,11 @@ def forward_theta2a(
 
 
 def _in_slices(
-    case: Callable[..., Array], th1: ArrayLike, name: str, passive: ArrayLike, geometry: Geometry
+    case: Callable[..., Array],
+    th1: ArrayLike,
+    name: str,
+    passive: ArrayLike,
+    geometry: Geometry,
 ) -> Array:
     """Check th1 and the passive angle; return the matrices, a slice of rows at a time."""
     check_geometry(geometry)
@@ -231,7 +243,9 @@ def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
 
 
 def trusted_start(
-    readings: tuple[float | None, ...], largest: float, g: Geometry
+    readings: tuple[float | None, ...],
+    largest: float,
+    g: Geometry,
 ) -> State[float] | None:
     """Return the start by the first leg that determines it; `largest` sigma in rad."""
     for leg, first, third, equations in _carriers(readings, g):
@@ -248,7 +262,9 @@ def trusted_start(
 
 
 def possible_starts(
-    readings: tuple[float | None, ...], g: Geometry, largest: float = math.inf
+    readings: tuple[float | None, ...],
+    g: Geometry,
+    largest: float = math.inf,
 ) -> Iterator[State[float]]:
     """
     Yield starts by both solutions of each turn equation; each estimate is near one of them.
@@ -265,7 +281,8 @@ def possible_starts(
 
 
 def _carriers(
-    readings: tuple[float | None, ...], g: Geometry
+    readings: tuple[float | None, ...],
+    g: Geometry,
 ) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
     """Yield each leg with both its sensors, their readings, and the equations of its th2k."""
     for carrier, leg in enumerate(g.legs):
@@ -327,7 +344,9 @@ def carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
 
 
 def start_at(
-    rotation: Rotation[float], readings: tuple[float | None, ...], g: Geometry
+    rotation: Rotation[float],
+    readings: tuple[float | None, ...],
+    g: Geometry,
 ) -> State[float]:
     """
     Return th1A, th2A, th3A, th1B, th1C, rad: the readings; missing ones from an orientation.
@@ -366,7 +385,10 @@ def start_at(
 
 
 def _active_angle(
-    rotation: Rotation[float], leg: Leg, th1: float | None, th3: float | None
+    rotation: Rotation[float],
+    leg: Leg,
+    th1: float | None,
+    th3: float | None,
 ) -> float:
     """Return th1k, rad: as read, or in the working mode that fits th3k; 0 without a reading."""
     if th1 is not None:
@@ -377,7 +399,10 @@ def _active_angle(
 
 
 def _fitting_angles(
-    rotation: Rotation[float], leg: Leg, th1: float | None, th3: float | None
+    rotation: Rotation[float],
+    leg: Leg,
+    th1: float | None,
+    th3: float | None,
 ) -> Vector[float]:
     """Return a leg's joint angles, rad, in the working mode that fits the readings best."""
 

@@ -128,7 +128,10 @@ def leg_frame(turn: Quaternion[float], axis: Sequence[float]) -> Quaternion[floa
 
 
 def leg_constants(
-    alpha: float, beta: float, base: Quaternion[float], platform: Quaternion[float]
+    alpha: float,
+    beta: float,
+    base: Quaternion[float],
+    platform: Quaternion[float],
 ) -> Leg:
     """Return the constants of a leg from its link angles and its frames B_k and Q_k."""
     in_base = rotation_from_quaternion(*base)
@@ -250,7 +253,11 @@ class Geometry:
 
     @classmethod
     def from_axes(
-        cls, base_axes: ArrayLike, platform_axes: ArrayLike, alpha: ArrayLike, beta: ArrayLike
+        cls,
+        base_axes: ArrayLike,
+        platform_axes: ArrayLike,
+        alpha: ArrayLike,
+        beta: ArrayLike,
     ) -> Geometry:
         """
         Return the mechanism as built: every axis and every link as measured.

@@ -64,7 +64,9 @@ class JointAngles:
 
 
 def mechanism_angles(
-    rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode = RIG_WORKING_MODE
+    rotation: Rotation[float],
+    geometry: Geometry,
+    working_mode: WorkingMode = RIG_WORKING_MODE,
 ) -> tuple[float, ...]:
     """
     Angles of all nine joints, in plain floats; nothing is validated.
@@ -97,7 +99,10 @@ def mechanism_angles(
 
 
 def measured_angles(
-    rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode, sensors: int
+    rotation: Rotation[float],
+    geometry: Geometry,
+    working_mode: WorkingMode,
+    sensors: int,
 ) -> tuple[float, ...]:
     """
     Angles that the first 3 to 6 sensors measure, in plain floats; nothing is validated.
@@ -183,7 +188,10 @@ def batch_angles(matrices: Array, geometry: Geometry, working_mode: WorkingMode)
 
 
 def velocity_rows(
-    rotation: Rotation[N], th1: Vector[N], g: Geometry, m: Backend[N]
+    rotation: Rotation[N],
+    th1: Vector[N],
+    g: Geometry,
+    m: Backend[N],
 ) -> VelocityRows[N]:
     """
     Kernel of eqs. 9, 10, 20, 21: rows of A_r and diagonal of B_r with B_r thetadot = A_r omega.
@@ -211,7 +219,9 @@ def velocity_rows(
 
 
 def _velocity_rows_of(
-    matrices: Array, geometry: Geometry, working_mode: Sequence[int]
+    matrices: Array,
+    geometry: Geometry,
+    working_mode: Sequence[int],
 ) -> VelocityRows[Batch]:
     """Return the `velocity_rows` of checked poses; NaN out of reach."""
     th1a, th1b, th1c = np.moveaxis(inverse(matrices, geometry, working_mode).theta1, -1, 0)

@@ -158,7 +158,11 @@ def turn_through_link(cosine: N, sine: N, axis: LinkTurn) -> Vector[N]:
 
 
 def second_in_second_joint(
-    cosine_1a: N, sine_1a: N, cosine: N, sine: N, carried: Carried
+    cosine_1a: N,
+    sine_1a: N,
+    cosine: N,
+    sine: N,
+    carried: Carried,
 ) -> Vector[N]:
     """
     Return Z2k of leg B or C in the frame of leg A's second joint, before its turn by th2A.
@@ -199,7 +203,12 @@ def chain_quaternion(th1a: N, th2a: N, th3a: N, g: Geometry, m: Backend[N]) -> Q
 
 
 def half_chain_quaternion(
-    th1a: N, half_cosine: N, half_sine: N, th3a: N, g: Geometry, m: Backend[N]
+    th1a: N,
+    half_cosine: N,
+    half_sine: N,
+    th3a: N,
+    g: Geometry,
+    m: Backend[N],
 ) -> Quaternion[N]:
     """
     Return the quaternion of leg A's chain (eq. 6), th2A given by its half angle.
@@ -303,7 +312,11 @@ def turn_of_second_joint(leg_b: View[N], leg_c: View[N]) -> Vector[N]:
 
 
 def passive_axes(
-    cosine_1a: N, sine_1a: N, cosine_2a: N, sine_2a: N, g: Geometry
+    cosine_1a: N,
+    sine_1a: N,
+    cosine_2a: N,
+    sine_2a: N,
+    g: Geometry,
 ) -> tuple[Vector[N], Vector[N]]:
     """
     Return Z2A and Z3A in the base frame.

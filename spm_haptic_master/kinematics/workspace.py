@@ -160,7 +160,10 @@ def singularity_locus(
 
 
 def changes_of_sign(
-    function: Callable[[Array], Array], half_angle: float, rays: int, circles: int
+    function: Callable[[Array], Array],
+    half_angle: float,
+    rays: int,
+    circles: int,
 ) -> tuple[Array, Array, Array, Array]:
     """
     Return neighbouring points of the cone between which a function of them changes its sign.
@@ -224,7 +227,9 @@ class Approach(NamedTuple):
 
 
 def determinant_gradient(
-    rotation: Rotation[float], g: Geometry, working_mode: WorkingMode
+    rotation: Rotation[float],
+    g: Geometry,
+    working_mode: WorkingMode,
 ) -> tuple[float, Vector[float]]:
     """
     Compute det A of a pose and its gradient along turns in the base frame, in plain floats.
@@ -316,7 +321,9 @@ def _dexterity(jacobian: Array) -> float:
 
 
 def approach(
-    quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode
+    quaternion: Quaternion[float],
+    geometry: Geometry,
+    working_mode: WorkingMode,
 ) -> Approach | None:
     """
     Find the shortest turn to the next parallel singularity along the determinant's gradient.

@@ -42,7 +42,11 @@ class AxisOutputs:
     """
 
     def __init__(
-        self, node: Node, axes: Sequence[SingleAxis], source_text: str, crtk_rate: float
+        self,
+        node: Node,
+        axes: Sequence[SingleAxis],
+        source_text: str,
+        crtk_rate: float,
     ) -> None:
         self._axes = axes
         self._outs = {

@@ -277,7 +277,11 @@ class Fkm(ParameterNode):
                 self._force.take(stamp, angles, None, inf)
 
     def _publish(
-        self, stamp: int, angles: tuple[float, ...], estimate: SampleEstimate, level: float
+        self,
+        stamp: int,
+        angles: tuple[float, ...],
+        estimate: SampleEstimate,
+        level: float,
     ) -> None:
         """
         Publish the orientation of a sample, then everything that follows it.
@@ -352,7 +356,9 @@ class Fkm(ParameterNode):
             self._announce(each)
 
     def _state_now(
-        self, received: int, changes: Sequence[OrientationState]
+        self,
+        received: int,
+        changes: Sequence[OrientationState],
     ) -> OrientationState | None:
         """
         Return the state by the samples since the last poll; None where it stays as it is.

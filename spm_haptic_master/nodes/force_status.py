@@ -79,7 +79,9 @@ class ForceStatus:
         self._status.publish(level, summary, figures, logged=(own_level, logged))
 
     def _figures(
-        self, output: ForceOutput, quaternion: Quaternion[float] | None
+        self,
+        output: ForceOutput,
+        quaternion: Quaternion[float] | None,
     ) -> dict[str, object]:
         """Return keys and values of the entry."""
         if quaternion is None:

@@ -216,7 +216,11 @@ class OrientationOutputs:
         )
 
     def publish(
-        self, stamp: int, angles: Sequence[float], estimate: SampleEstimate, level: float
+        self,
+        stamp: int,
+        angles: Sequence[float],
+        estimate: SampleEstimate,
+        level: float,
     ) -> None:
         """
         Publish what has a subscriber and is due.

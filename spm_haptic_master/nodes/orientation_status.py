@@ -60,7 +60,11 @@ class OrientationStatus:
     """
 
     def __init__(
-        self, node: Node, values: Values, supervisor: Supervisor, constants: dict[str, str]
+        self,
+        node: Node,
+        values: Values,
+        supervisor: Supervisor,
+        constants: dict[str, str],
     ) -> None:
         self._supervisor = supervisor
         self._constants = constants

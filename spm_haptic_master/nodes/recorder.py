@@ -144,7 +144,9 @@ class Recorder(ParameterNode):
             )
 
     def _take_orientation(
-        self, message: QuaternionStamped, name: str = files.ORIENTATION_NAME
+        self,
+        message: QuaternionStamped,
+        name: str = files.ORIENTATION_NAME,
     ) -> None:
         """Write an orientation into the table of a name."""
         q = message.quaternion
@@ -193,7 +195,10 @@ class Recorder(ParameterNode):
             )
 
     def _write(
-        self, name: str, message: QuaternionStamped | JointState, values: Sequence[float]
+        self,
+        name: str,
+        message: QuaternionStamped | JointState,
+        values: Sequence[float],
     ) -> None:
         """
         Write a row: the stamp of the message, and values.

@@ -166,7 +166,10 @@ def finite(text: str) -> float:
 
 
 def node_command_line(
-    name: str, description: str, nodes: Sequence[str], args: Sequence[str]
+    name: str,
+    description: str,
+    nodes: Sequence[str],
+    args: Sequence[str],
 ) -> tuple[list[str], Parameters]:
     """
     Read the command line of an executable that runs nodes.

@@ -325,7 +325,10 @@ def _check_other(section: Section) -> None:
 
 
 def _check_names(
-    section: Section, owner: str, known: Collection[str], shown: Collection[str] = ()
+    section: Section,
+    owner: str,
+    known: Collection[str],
+    shown: Collection[str] = (),
 ) -> None:
     """
     Raise SettingError for the first name of a section that is not known.

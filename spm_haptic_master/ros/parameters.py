@@ -67,7 +67,9 @@ class ParameterNode(Node):
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def declare(
-        self, settings: tuple[Setting, ...], defaults: Mapping[str, object] | None = None
+        self,
+        settings: tuple[Setting, ...],
+        defaults: Mapping[str, object] | None = None,
     ) -> dict[str, Any]:
         """
         Declare settings as parameters of the node.
@@ -177,13 +179,17 @@ class _ParameterServices(ParameterService):
     """The parameter services of a node: those of rclpy raise where a type is not valid."""
 
     def _set_parameters_callback(
-        self, request: SetParameters.Request, response: SetParameters.Response
+        self,
+        request: SetParameters.Request,
+        response: SetParameters.Response,
     ) -> SetParameters.Response:
         response.results = [self._set([message]) for message in request.parameters]
         return response
 
     def _set_parameters_atomically_callback(
-        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+        self,
+        request: SetParametersAtomically.Request,
+        response: SetParametersAtomically.Response,
     ) -> SetParametersAtomically.Response:
         response.result = self._set(request.parameters)
         return response

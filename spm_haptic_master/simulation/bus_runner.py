@@ -87,14 +87,16 @@ class BusRunner:
         own = set(self._encoders.identifiers())
         heard = set()
         end = time.monotonic() + LISTEN
-        while (left := end - time.monotonic()) > 0.0:
+        while True:
+            left = end - time.monotonic()
+            if left <= 0.0:
+                break
             message = self._bus.recv(left)
-            if (
-                message is not None
-                and not message.is_error_frame
-                and (message.is_extended_id, message.arbitration_id) in own
-            ):
-                heard.add(message.arbitration_id)
+            if message is None or message.is_error_frame:
+                continue
+            identifier = message.arbitration_id
+            if (message.is_extended_id, identifier) in own:
+                heard.add(identifier)
         return sorted(heard)
 
     def boot(self) -> None:
@@ -116,23 +118,37 @@ class BusRunner:
             The bus cannot be used; python-can raises one of BUS_ERRORS.
 
         """
-        timeout = TEND_PERIOD if self._grid is None else 0.0
-        if self._grid is not None and self._grid.wait(TEND_PERIOD):
-            now = time.monotonic()
-            if self._sync_id:
-                self._bus.send(canopen.frame(self._sync_id))
-            self._cycle(now)
+        timeout = 0.0
+        if self._grid is None:
+            timeout = TEND_PERIOD
+        elif self._grid.wait(TEND_PERIOD):
+            self._send_sync()
+        # Take all waiting frames: only the first is waited for.
         while (message := self._bus.recv(timeout)) is not None:
-            if self._is_sync(message):
-                if self._grid is None:
-                    # The encoders sample when SYNC comes, not when this process is woken by it.
-                    waited = time.time() - message.timestamp
-                    self._cycle(time.monotonic() - min(max(waited, 0.0), LONGEST_WAIT))
-            else:
-                _send(self._bus, self._encoders.receive(message))
+            self._receive(message)
             timeout = 0.0
-        _send(self._bus, self._encoders.tend(time.monotonic()))
+        now = time.monotonic()
+        _send(self._bus, self._encoders.tend(now))
         return self._encoders.faults.take_news()
+
+    def _send_sync(self) -> None:
+        """Send SYNC, where there is one, and have the encoders answer."""
+        now = time.monotonic()
+        if self._sync_id:
+            sync = canopen.frame(self._sync_id)
+            self._bus.send(sync)
+        self._cycle(now)
+
+    def _receive(self, message: can.Message) -> None:
+        """Have the encoders answer a frame; another master's SYNC, where none is made here."""
+        if not self._is_sync(message):
+            answers = self._encoders.receive(message)
+            _send(self._bus, answers)
+        elif self._grid is None:
+            # The encoders sample when SYNC comes, not when this process is woken by it.
+            waited = time.time() - message.timestamp
+            age = min(max(waited, 0.0), LONGEST_WAIT)
+            self._cycle(time.monotonic() - age)
 
     def _is_sync(self, message: can.Message) -> bool:
         """Return whether a frame is SYNC."""
@@ -152,13 +168,13 @@ class BusRunner:
         answers = self._encoders.cycle(now)
         _send(self._bus, answers)
         self.cycles += bool(answers)
-        if (
-            answers
-            and self._record is not None
-            and (truth := self._encoders.orientation(now)) is not None
-        ):
-            age = round((time.monotonic() - now) * 1e9)
-            self._record(time.time_ns() - age, truth)
+        if not answers or self._record is None:
+            return
+        truth = self._encoders.orientation(now)
+        if truth is not None:
+            elapsed = time.monotonic() - now
+            stamp = time.time_ns() - round(elapsed * 1e9)
+            self._record(stamp, truth)
 
 
 class DriveLoop:
@@ -200,9 +216,12 @@ class DriveLoop:
                 timeout = STEP
                 # Take all waiting frames before a time-out counts: the machine may be busy.
                 while (message := self._bus.recv(timeout)) is not None:
-                    _send(self._bus, self._drives.receive(message, time.monotonic()))
+                    now = time.monotonic()
+                    answers = self._drives.receive(message, now)
+                    _send(self._bus, answers)
                     timeout = 0.0
-                _send(self._bus, self._drives.tend(time.monotonic()))
+                now = time.monotonic()
+                _send(self._bus, self._drives.tend(now))
         except BUS_ERRORS as error:
             self.error = first_line(error)
 

@@ -9,25 +9,45 @@ Set-up, scan and driver are tested against them, as real devices are not all ali
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 import re
+from typing import NamedTuple
 
 from spm_haptic_master.encoders.canopen import NODE_ID_MAXIMUM
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.simulation.object_store import Key
 
-# Kinds: the behaviour, and the meaning of VALUE, or None for a kind without one.
+
+class Kind(NamedTuple):
+    """A kind of quirk: the behaviour, and the meaning of VALUE; None for a kind without one."""
+
+    behaviour: str
+    value: str | None = None
+
+
 KINDS = {
-    'phases': ('without SYNC each sends at a phase of its own (encoders.sync_id 0)', None),
-    'one_timer': ('6200h and 1800h:05 are one value', None),
-    'read_only': ('an object cannot be written', 'index or index:subindex, such as 0x6001'),
-    'missing': ('an object does not exist', 'index or index:subindex, such as 0x1017'),
-    'store_refused': ('storing (1010h) is refused', None),
-    'error': ('an error stands from before the start', 'error register, such as 0x10'),
-    'supervises_sync': ('it leaves OPERATIONAL 1.5 periods after a SYNC (1006h)', None),
-    'node_id': ('it has another node id, such as that of others', f'1 .. {NODE_ID_MAXIMUM}'),
+    'phases': Kind('without SYNC each sends at a phase of its own (encoders.sync_id 0)'),
+    'one_timer': Kind('6200h and 1800h:05 are one value'),
+    'read_only': Kind(
+        'an object cannot be written',
+        value='index or index:subindex, such as 0x6001',
+    ),
+    'missing': Kind(
+        'an object does not exist',
+        value='index or index:subindex, such as 0x1017',
+    ),
+    'store_refused': Kind('storing (1010h) is refused'),
+    'error': Kind(
+        'an error stands from before the start',
+        value='error register, such as 0x10',
+    ),
+    'supervises_sync': Kind('it leaves OPERATIONAL 1.5 periods after a SYNC (1006h)'),
+    'node_id': Kind(
+        'it has another node id, such as that of others',
+        value=f'1 .. {NODE_ID_MAXIMUM}',
+    ),
 }
 # Syntax of a quirk, for help texts and errors.
 SYNTAX = 'KIND[:JOINT][=VALUE], of all encoders without JOINT'
@@ -67,7 +87,10 @@ class Quirk:
             Index and subindex.
 
         """
-        return key[0] == self.value and self.subindex in (None, key[1])
+        index, subindex = key
+        if index != self.value:
+            return False
+        return self.subindex in (None, subindex)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,11 +113,14 @@ class Quirks:
 
     def value(self, kind: str, default: int) -> int:
         """Return the value of its first quirk of a kind; the default without one."""
-        return next((quirk.value for quirk in self.every if quirk.kind == kind), default)
+        for quirk in self.every:
+            if quirk.kind == kind:
+                return quirk.value
+        return default
 
     def concern(self, kind: str, key: Key) -> bool:
         """Return whether a quirk of a kind is about an object."""
-        return any(quirk.kind == kind and quirk.names(key) for quirk in self.every)
+        return any(quirk.names(key) for quirk in self.every if quirk.kind == kind)
 
 
 NO_QUIRKS = Quirks()
@@ -112,7 +138,8 @@ def quirks_of(quirks: Iterable[Quirk], joint: int) -> Quirks:
         Index of the encoder's joint.
 
     """
-    return Quirks(tuple(quirk for quirk in quirks if quirk.joint in (None, joint)))
+    of_joint = [quirk for quirk in quirks if quirk.joint in (None, joint)]
+    return Quirks(tuple(of_joint))
 
 
 def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
@@ -138,18 +165,24 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
     kind = found['kind']
     joint = found['joint']
     joints = ALL_JOINT_NAMES[:sensors]
-    for what, name, known in (('kind', kind, KINDS), ('joint', joint, joints)):
-        if name is not None and name not in known:
-            raise InputError(
-                f"quirk '{text}': {what} '{name}'; expected one of {', '.join(known)}"
-            )
+    _check_name(text, 'kind', kind, KINDS)
+    index = None
+    if joint is not None:
+        _check_name(text, 'joint', joint, joints)
+        index = joints.index(joint)
     number, place = _value(text, kind, found['value'])
     return Quirk(
         kind=kind,
-        joint=None if joint is None else joints.index(joint),
+        joint=index,
         value=number,
         subindex=place,
     )
+
+
+def _check_name(text: str, what: str, name: str, known: Collection[str]) -> None:
+    """Raise InputError where a part of a quirk's text is none of the known names."""
+    if name not in known:
+        raise InputError(f"quirk '{text}': {what} '{name}'; expected one of {', '.join(known)}")
 
 
 def _value(text: str, kind: str, value: str | None) -> tuple[int, int | None]:
@@ -178,7 +211,7 @@ def _value(text: str, kind: str, value: str | None) -> tuple[int, int | None]:
         The kind needs a value, has none, or another one.
 
     """
-    unit = KINDS[kind][1]
+    unit = KINDS[kind].value
     if (unit is None) != (value is None):
         expected = f'=VALUE ({unit})' if unit else f'no value with {kind}'
         raise InputError(f"quirk '{text}'; expected {expected}")
@@ -192,6 +225,10 @@ def _object(text: str, value: str, unit: str | None) -> tuple[int, int | None]:
     """Return number, or index, and subindex of a value; None without a subindex."""
     index, _, subindex = value.partition(':')
     try:
-        return int(index, 0), int(subindex, 0) if subindex else None
+        number = int(index, 0)
+        place = None
+        if subindex:
+            place = int(subindex, 0)
+        return number, place
     except ValueError as error:
         raise InputError(f"quirk '{text}': not a number ({error}); expected {unit}") from error

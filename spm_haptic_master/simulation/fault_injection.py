@@ -13,32 +13,46 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 import re
+from typing import NamedTuple
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
-# Kinds of faults: the effect, and the meaning of VALUE, or None for a kind without one.
+
+class Kind(NamedTuple):
+    """A kind of fault: the effect, and the unit of VALUE; None for a kind without one."""
+
+    effect: str
+    unit: str | None = None
+
+
 KINDS = {
-    'dropout': ('the encoder does not answer', None),
-    'unplug': ('the encoder sends nothing, heartbeats included', None),
-    'late': ('each answer comes late; at the end all at once', 's'),
-    'loss': ('answers are lost at random', '% of them'),
-    'stuck': ('the encoder repeats its counts', None),
-    'offset': ('the encoder is off by a constant', 'deg'),
-    'jump': ('one answer, the first from START on, is off', 'deg'),
-    'noise': ('the encoder has noise on top of its own', 'deg, 1 sigma'),
-    'counter': ('the rolling counter stops, if the layout has one', None),
-    'emcy': ('the encoder sends EMCY, and error reset at the end', 'error code, such as 0x5000'),
-    'reboot': ('the node is off, then boots up into pre-operational', None),
-    'silence': ('no node sends anything', None),
-    'busoff': ('a bus-off error frame, silence, then a restarted error frame', None),
+    'dropout': Kind('the encoder does not answer'),
+    'unplug': Kind('the encoder sends nothing, heartbeats included'),
+    'late': Kind('each answer comes late; at the end all at once', unit='s'),
+    'loss': Kind('answers are lost at random', unit='% of them'),
+    'stuck': Kind('the encoder repeats its counts'),
+    'offset': Kind('the encoder is off by a constant', unit='deg'),
+    'jump': Kind('one answer, the first from START on, is off', unit='deg'),
+    'noise': Kind('the encoder has noise on top of its own', unit='deg, 1 sigma'),
+    'counter': Kind('the rolling counter stops, if the layout has one'),
+    'emcy': Kind(
+        'the encoder sends EMCY, and error reset at the end',
+        unit='error code, such as 0x5000',
+    ),
+    'reboot': Kind('the node is off, then boots up into pre-operational'),
+    'silence': Kind('no node sends anything'),
+    'busoff': Kind('a bus-off error frame, silence, then a restarted error frame'),
 }
 # Kinds of faults of the drives, in the same way.
 DRIVE_KINDS = {
-    'drive': ('the drive has a fault and sends EMCY', 'error code, such as 0x2310'),
-    'drive_unplug': ('the drive neither sends nor hears anything', None),
-    'drive_deaf': ('the drive goes on where frames of the master stop', None),
-    'drive_torque': ('the torque that the drive reports is off', '% of it'),
+    'drive': Kind(
+        'the drive has a fault and sends EMCY',
+        unit='error code, such as 0x2310',
+    ),
+    'drive_unplug': Kind('the drive neither sends nor hears anything'),
+    'drive_deaf': Kind('the drive goes on where frames of the master stop'),
+    'drive_torque': Kind('the torque that the drive reports is off', unit='% of it'),
 }
 # Kinds that affect the whole bus.
 BUS_WIDE = ('silence', 'busoff')
@@ -129,10 +143,16 @@ class Faults:
         changed = []
         for fault in self._faults:
             begins = fault not in self.present
-            if fault.active(t) == begins:
-                (self.present.append if begins else self.present.remove)(fault)
-                self._news.append(f'{fault.text} {"begins" if begins else "ends"}')
-                changed.append((fault, begins))
+            if fault.active(t) != begins:
+                continue
+            if begins:
+                self.present.append(fault)
+                change = 'begins'
+            else:
+                self.present.remove(fault)
+                change = 'ends'
+            self._news.append(f'{fault.text} {change}')
+            changed.append((fault, begins))
         return changed
 
     def take_news(self) -> tuple[str, ...]:
@@ -181,8 +201,16 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...
     fits, words = RANGES.get(kind, (isfinite, ''))
     if not fits(number):
         raise _wrong(text, f': VALUE is {number:g}; expected {words} ({unit})')
+    index = None
+    if joint:
+        index = joints.index(joint)
     return Fault(
-        kind, joints.index(joint) if joint else None, start, start + duration, number, text
+        kind=kind,
+        joint=index,
+        start=start,
+        end=start + duration,
+        value=number,
+        text=text,
     )
 
 
@@ -191,7 +219,7 @@ def _unit(text: str, kind: str) -> str | None:
     kinds = KINDS | DRIVE_KINDS
     if kind not in kinds:
         raise _wrong(text, f": kind '{kind}'; expected one of {', '.join(kinds)}")
-    return kinds[kind][1]
+    return kinds[kind].unit
 
 
 def _numbers(text: str, found: re.Match[str]) -> tuple[float, float, float]:
@@ -209,10 +237,15 @@ def _numbers(text: str, found: re.Match[str]) -> tuple[float, float, float]:
         raise _wrong(text, f': not a number ({error})') from error
     if duration <= 0.0:
         raise _wrong(text, f': +{found["duration"]}; expected a duration above 0')
-    for what, size in (('START', start), ('VALUE', number)):
-        if not isfinite(size):
-            raise _wrong(text, f': {what} is {size:g}; expected a finite number')
+    _check_finite(text, 'START', start)
+    _check_finite(text, 'VALUE', number)
     return start, duration, number
+
+
+def _check_finite(text: str, what: str, size: float) -> None:
+    """Raise InputError where a number of a fault's text is not finite."""
+    if not isfinite(size):
+        raise _wrong(text, f': {what} is {size:g}; expected a finite number')
 
 
 def _wrong(text: str, what: str) -> InputError:
@@ -244,4 +277,5 @@ def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
             f"fault '{text}'; expected KIND:JOINT or offset:JOINT=DEG, KIND one of "
             f'{", ".join(SWITCHED)}'
         )
-    return replace(parse_fault(f'{name}@0{equals}{value}', sensors), text=text)
+    switched = parse_fault(f'{name}@0{equals}{value}', sensors)
+    return replace(switched, text=text)

@@ -54,13 +54,18 @@ class NoisyMotion:
     """
 
     def __init__(
-        self, trajectory: Trajectory, rig: Rig, seed: int, working_mode: tuple[int, int, int]
+        self,
+        trajectory: Trajectory,
+        rig: Rig,
+        seed: int,
+        working_mode: tuple[int, int, int],
     ):
         self.rig = rig
         self.steering = Steering(trajectory)
         self._gauss = random.Random(seed).gauss
         self._working_mode = working_mode
-        self._delays = sorted({sensor.delay for sensor in rig.sensors})
+        delays = {sensor.delay for sensor in rig.sensors}
+        self._delays = sorted(delays)
         # Angle of each encoder's shaft, rad; None before the first.
         self._shafts: list[float | None] = [None] * len(rig.sensors)
 
@@ -115,28 +120,38 @@ class NoisyMotion:
             The mechanism does not reach the pose.
 
         """
-        joints = {delay: self.joints(t - delay) for delay in self._delays}
-        return tuple(
-            self._reading(index, joints[sensor.delay][index])
-            for index, sensor in enumerate(self.rig.sensors)
-        )
+        joints = {}
+        for delay in self._delays:
+            joints[delay] = self.joints(t - delay)
+        readings = []
+        for index, sensor in enumerate(self.rig.sensors):
+            angle = joints[sensor.delay][index]
+            readings.append(self._reading(index, angle))
+        return tuple(readings)
 
-    def _reading(self, index: int, angle: float) -> float:
-        """Return a sensor's reading at its joint's angle, rad."""
+    def _reading(self, index: int, joint: float) -> float:
+        """Return what an encoder reads at the angle of its joint, rad."""
         sensor = self.rig.sensors[index]
+        angle = joint
         if sensor.play:
-            # The shaft trails its joint by half the play at most.
-            before = self._shafts[index]
-            half = 0.5 * sensor.play
-            if before is None:
-                lag = 0.0
-            else:
-                lag = remainder(before - angle, TURN)
-            self._shafts[index] = angle = angle + min(max(lag, -half), half)
-        reading = sensor.with_harmonics(angle) + self._gauss(0.0, sensor.noise)
+            angle = self._trailing(index, joint)
+        reading = sensor.with_harmonics(angle)
+        reading += self._gauss(0.0, sensor.noise)
         if sensor.resolution:
-            reading = sensor.resolution * round(reading / sensor.resolution)
+            steps = round(reading / sensor.resolution)
+            return sensor.resolution * steps
         return reading
+
+    def _trailing(self, index: int, joint: float) -> float:
+        """Return the angle of an encoder's shaft: it trails its joint by half the play at most."""
+        before = self._shafts[index]
+        half = 0.5 * self.rig.sensors[index].play
+        lag = 0.0
+        if before is not None:
+            lag = remainder(before - joint, TURN)
+        angle = joint + min(max(lag, -half), half)
+        self._shafts[index] = angle
+        return angle
 
 
 def make_motion(values: Values) -> NoisyMotion:
@@ -157,22 +172,17 @@ def make_motion(values: Values) -> NoisyMotion:
 
     """
     name = values['sim.trajectory']
-    pose = values['sim.pose_deg']
-    trajectory = {
-        'fig9': trajectories.fig9,
-        'perturbed': trajectories.perturbed,
-        'sweep': trajectories.sweep(radians(values['sim.tilt_max_deg'])),
-        'hand': trajectories.hand,
-        'tour': trajectories.tour,
-        'arms': trajectories.arms,
-        'fixed': trajectories.fixed(*map(radians, pose)),
-    }[name]
+    trajectory = _trajectory(values)
     rig = make_rig(values)
     mode = values['working_mode']
+    trials = TRIALS
+    if name == 'fixed':
+        trials = 1
     try:
-        for trial in range(TRIALS if name != 'fixed' else 1):
+        for trial in range(trials):
+            t = trial * TRIAL_SPAN / TRIALS
             measured_angles(
-                rotation=zxz_rotation(*trajectory(trial * TRIAL_SPAN / TRIALS)),
+                rotation=zxz_rotation(*trajectory(t)),
                 geometry=rig.geometry,
                 working_mode=mode,
                 sensors=len(rig.sensors),
@@ -181,7 +191,7 @@ def make_motion(values: Values) -> NoisyMotion:
         if name == 'fixed':
             raise SettingError(
                 name='sim.pose_deg',
-                value=list(pose),
+                value=list(values['sim.pose_deg']),
                 expected='a pose within reach',
             ) from error
         raise SettingError(
@@ -195,3 +205,19 @@ def make_motion(values: Values) -> NoisyMotion:
         seed=values['sim.seed'],
         working_mode=mode,
     )
+
+
+def _trajectory(values: Values) -> Trajectory:
+    """Return the motion that `sim.trajectory` names."""
+    pose = map(radians, values['sim.pose_deg'])
+    tilt = radians(values['sim.tilt_max_deg'])
+    by_name = {
+        'fig9': trajectories.fig9,
+        'perturbed': trajectories.perturbed,
+        'sweep': trajectories.sweep(tilt),
+        'hand': trajectories.hand,
+        'tour': trajectories.tour,
+        'arms': trajectories.arms,
+        'fixed': trajectories.fixed(*pose),
+    }
+    return by_name[values['sim.trajectory']]

@@ -10,6 +10,7 @@ SDO transfers are expedited ones of CiA 301 (at most four bytes).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import can
 from spm_haptic_master.encoders import canopen
@@ -58,9 +59,37 @@ class Entry:
     writable: bool = True
 
 
+class Mapped(NamedTuple):
+    """An object in a PDO: its key, and the bytes that it has there."""
+
+    key: Key
+    length: int
+
+    @classmethod
+    def of(cls, entry: int) -> Mapped:
+        """Return the object of an entry of a mapping (CiA 301: index, subindex, bits)."""
+        index = entry >> 16
+        subindex = entry >> 8 & 0xFF
+        bits = entry & 0xFF
+        return cls(key=(index, subindex), length=bits // 8)
+
+
 def heartbeat(node_id: int, state: int) -> can.Message:
     """Return the heartbeat of a node in an NMT state, or its boot-up message."""
-    return canopen.frame(canopen.HEARTBEAT_BASE + node_id, bytes((state,)))
+    identifier = canopen.HEARTBEAT_BASE + node_id
+    return canopen.frame(identifier, bytes((state,)))
+
+
+def is_nmt_command(identifier: int, data: bytes, node_id: int) -> bool:
+    """Return whether a frame is an NMT command to a node, or to all nodes."""
+    is_command = identifier == canopen.NMT_ID and len(data) == 2
+    return is_command and data[1] in (0, node_id)
+
+
+def is_sdo_request(identifier: int, data: bytes, node_id: int) -> bool:
+    """Return whether a frame is an SDO request to a node."""
+    is_to_node = identifier == canopen.SDO_REQUEST_BASE + node_id
+    return is_to_node and len(data) == canopen.SDO_LENGTH
 
 
 class SdoAbortError(Exception):
@@ -91,9 +120,13 @@ def identity(device_type: int, serial: int) -> dict[Key, Entry]:
         canopen.REVISION: REVISION,
         canopen.SERIAL_NUMBER: serial,
     }
-    values[canopen.ERROR_REGISTER] = 0
-    sizes = {canopen.ERROR_REGISTER: 1}
-    return {key: Entry(value, sizes.get(key, 4), writable=False) for key, value in values.items()}
+    entries = {key: Entry(value, writable=False) for key, value in values.items()}
+    entries[canopen.ERROR_REGISTER] = Entry(
+        value=0,
+        size=1,
+        writable=False,
+    )
+    return entries
 
 
 class ObjectStore:
@@ -139,7 +172,8 @@ class ObjectStore:
             Index, subindex and length in bits of each mapped object, as one number (CiA 301).
 
         """
-        return [self.value(index, number) for number in range(1, self.value(index, 0) + 1)]
+        count = self.value(index, 0)
+        return [self.value(index, number) for number in range(1, count + 1)]
 
     def answer(self, node_id: int, data: bytes) -> can.Message:
         """
@@ -176,10 +210,10 @@ class ObjectStore:
         """Return an object; SdoAbortError differs for a missing object and a missing subindex."""
         entry = self._entries.get(key)
         if entry is None:
-            known = any(index == key[0] for index, _ in self._entries)
-            raise SdoAbortError(
-                canopen.SDO_NO_SUCH_SUBINDEX if known else canopen.SDO_NO_SUCH_OBJECT
-            )
+            indices = {index for index, _ in self._entries}
+            if key[0] in indices:
+                raise SdoAbortError(canopen.SDO_NO_SUCH_SUBINDEX)
+            raise SdoAbortError(canopen.SDO_NO_SUCH_OBJECT)
         return entry
 
     def _write(self, key: Key, data: bytes) -> None:
@@ -211,8 +245,9 @@ class ObjectStore:
             New value; neither access nor state is checked.
 
         """
-        if key in self._entries:
-            self._entries[key] = replace(self._entries[key], value=value)
+        entry = self._entries.get(key)
+        if entry is not None:
+            self._entries[key] = replace(entry, value=value)
             self._derive()
 
     def _written(self, key: Key, value: int) -> None:

@@ -15,7 +15,7 @@ import json
 from math import cos, degrees, hypot, radians, sin
 from pathlib import Path
 import random
-from typing import Any
+from typing import Any, NamedTuple
 
 from spm_haptic_master.exceptions import GeometryError, InputError, quoted, SettingError
 from spm_haptic_master.kinematics import Geometry, in_usual_frames
@@ -27,26 +27,47 @@ from spm_haptic_master.parameters.setting import Values
 Harmonic = tuple[float, float]
 # Length of a list of all sensors.
 ALL = 0
-# Keys of the mechanism: lengths of the nested lists, least and largest number; the range of a link
-# angle is that of the geometry's parameters.
+
+
+class NumberList(NamedTuple):
+    """A value in a rig file: lengths of the nested lists, least and largest number."""
+
+    lengths: tuple[int, ...]
+    least: float
+    most: float
+
+
+# Keys of the mechanism; the range of a link angle is that of the geometry's parameters.
+LINK_ANGLES = NumberList((3,), least=0.1, most=179.9)
+AXES = NumberList((3, 3), least=-1.0, most=1.0)
 MECHANISM = {
-    'alpha_deg': ((3,), 0.1, 179.9),
-    'beta_deg': ((3,), 0.1, 179.9),
-    'base_axes': ((3, 3), -1.0, 1.0),
-    'platform_axes': ((3, 3), -1.0, 1.0),
+    'alpha_deg': LINK_ANGLES,
+    'beta_deg': LINK_ANGLES,
+    'base_axes': AXES,
+    'platform_axes': AXES,
 }
-# Keys of the sensors' errors: fields of SensorErrors, and numbers (none beyond these ranges is
-# meant, and within them an encoder's reading grows with the angle).
+# Keys of the sensors' errors: their numbers (none beyond these ranges is meant, and within them an
+# encoder's reading grows with the angle), and fields of SensorErrors.
+HARMONICS = NumberList((ALL, 2), least=-10.0, most=10.0)
+DEGREES = NumberList((ALL,), least=0.0, most=10.0)
 ERRORS = {
-    'eccentricity_deg_cos_sin': ('first_harmonic', ((ALL, 2), -10.0, 10.0)),
-    'second_harmonic_deg': ('second_harmonic', ((ALL, 2), -10.0, 10.0)),
-    'play_deg': ('play', ((ALL,), 0.0, 10.0)),
-    'noise_deg': ('noise', ((ALL,), 0.0, 10.0)),
-    'resolution_deg': ('resolution', ((ALL,), 0.0, 10.0)),
-    'delay': ('delay', ((ALL,), 0.0, 0.1)),
+    'eccentricity_deg_cos_sin': HARMONICS,
+    'second_harmonic_deg': HARMONICS,
+    'play_deg': DEGREES,
+    'noise_deg': DEGREES,
+    'resolution_deg': DEGREES,
+    'delay': NumberList((ALL,), least=0.0, most=0.1),
+}
+FIELDS = {
+    'eccentricity_deg_cos_sin': 'first_harmonic',
+    'second_harmonic_deg': 'second_harmonic',
+    'play_deg': 'play',
+    'noise_deg': 'noise',
+    'resolution_deg': 'resolution',
+    'delay': 'delay',
 }
 # All keys; of the encoders' scale nothing is read: the parameters `encoders.*` set it.
-KEYS = MECHANISM | {key: kind for key, (_, kind) in ERRORS.items()}
+KEYS = MECHANISM | ERRORS
 NOT_READ = ('zero', 'direction')
 
 
@@ -124,7 +145,10 @@ class Rig:
     @property
     def has_harmonics(self) -> bool:
         """Whether any encoder's error repeats with its turn."""
-        return any(any(each.first_harmonic + each.second_harmonic) for each in self.sensors)
+        for sensor in self.sensors:
+            if any(sensor.first_harmonic) or any(sensor.second_harmonic):
+                return True
+        return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,33 +225,39 @@ def random_rig(
     nominal = geometry or Geometry()
     gauss = random.Random(seed).gauss
 
+    def deviation(size: float) -> float:
+        return size * gauss(0.0, 1.0)
+
     def axes(nominal_axes: Sequence[Sequence[float]]) -> list[list[float]]:
-        moved = [
-            [each + tolerances.axes * gauss(0.0, 1.0) for each in axis] for axis in nominal_axes
-        ]
-        return [[each / hypot(*axis) for each in axis] for axis in moved]
+        moved = []
+        for axis in nominal_axes:
+            moved.append([each + deviation(tolerances.axes) for each in axis])
+        return [_unit(axis) for axis in moved]
 
-    def harmonic(deviation: float) -> Harmonic:
-        return deviation * gauss(0.0, 1.0), deviation * gauss(0.0, 1.0)
+    def harmonic(size: float) -> Harmonic:
+        return deviation(size), deviation(size)
 
-    alphas, betas = (
-        [angle + tolerances.links * gauss(0.0, 1.0) for angle in each]
-        for each in (nominal.alphas, nominal.betas)
-    )
+    alphas = [angle + deviation(tolerances.links) for angle in nominal.alphas]
+    betas = [angle + deviation(tolerances.links) for angle in nominal.betas]
     base = axes(nominal.base_axes)
     platform = axes(nominal.platform_axes)
-    built = in_usual_frames(Geometry.from_axes(base, platform, alphas, betas), nominal)
-    return Rig(
-        built,
-        tuple(
+    built = Geometry.from_axes(base, platform, alphas, betas)
+    errors = []
+    for _ in range(sensors):
+        errors.append(
             SensorErrors(
                 first_harmonic=harmonic(tolerances.first_harmonic),
                 second_harmonic=harmonic(tolerances.second_harmonic),
                 noise=noise,
             )
-            for _ in range(sensors)
-        ),
-    )
+        )
+    return Rig(in_usual_frames(built, nominal), tuple(errors))
+
+
+def _unit(axis: Sequence[float]) -> list[float]:
+    """Return a vector of length 1 along an axis."""
+    length = hypot(*axis)
+    return [each / length for each in axis]
 
 
 def _without_doubles(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -242,10 +272,12 @@ def _without_doubles(pairs: list[tuple[str, object]]) -> dict[str, object]:
 
 def _mechanism(path: str | Path, content: dict[str, Any], drawn: Geometry) -> Geometry:
     """Return the mechanism of a rig's file; what it lacks is as drawn."""
-    alphas, betas = (
-        [radians(each) for each in content[key]] if key in content else list(nominal)
-        for key, nominal in (('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas))
-    )
+    alphas = list(drawn.alphas)
+    if 'alpha_deg' in content:
+        alphas = list(map(radians, content['alpha_deg']))
+    betas = list(drawn.betas)
+    if 'beta_deg' in content:
+        betas = list(map(radians, content['beta_deg']))
     try:
         return Geometry.from_axes(
             content.get('base_axes', drawn.base_axes),
@@ -258,7 +290,10 @@ def _mechanism(path: str | Path, content: dict[str, Any], drawn: Geometry) -> Ge
 
 
 def read_rig(
-    path: str | Path, drawn: Geometry, noise: float, sensors: int = len(JOINT_NAMES)
+    path: str | Path,
+    drawn: Geometry,
+    noise: float,
+    sensors: int = len(JOINT_NAMES),
 ) -> Rig:
     """
     Return the rig of a JSON file, whose lists have one element for each of the sensors.
@@ -285,20 +320,14 @@ def read_rig(
         mechanism = _mechanism(path, content, drawn)
     else:
         mechanism = drawn
-    given = {
-        name: [_converted(key, radians, each) for each in content[key]]
-        for key, (name, _) in ERRORS.items()
-        if key in content
-    }
-    return Rig(
-        mechanism,
-        tuple(
-            SensorErrors(
-                **{'noise': noise} | {name: values[index] for name, values in given.items()}
-            )
-            for index in range(sensors)
-        ),
-    )
+    errors = []
+    for index in range(sensors):
+        given: dict[str, Any] = {'noise': noise}
+        for key, field in FIELDS.items():
+            if key in content:
+                given[field] = _converted(key, radians, content[key][index])
+        errors.append(SensorErrors(**given))
+    return Rig(mechanism, tuple(errors))
 
 
 def _read_content(path: str | Path, sensors: int) -> dict[str, Any]:
@@ -352,16 +381,14 @@ def rig_text(rig: Rig) -> str:
         'beta_deg': list(map(degrees, g.betas)),
         'base_axes': g.base_axes,
         'platform_axes': g.platform_axes,
-        **{
-            key: [_converted(key, degrees, getattr(each, name)) for each in rig.sensors]
-            for key, (name, _) in ERRORS.items()
-        },
     }
-    return (
-        '{\n'
-        + ',\n'.join(f' {json.dumps(key)}: {json.dumps(value)}' for key, value in content.items())
-        + '\n}\n'
-    )
+    for key, field in FIELDS.items():
+        values = [getattr(sensor, field) for sensor in rig.sensors]
+        content[key] = [_converted(key, degrees, value) for value in values]
+    lines = []
+    for key, value in content.items():
+        lines.append(f' {json.dumps(key)}: {json.dumps(value)}')
+    return '{\n' + ',\n'.join(lines) + '\n}\n'
 
 
 def _converted(key: str, convert: Callable[[float], float], value: Any) -> Any:
@@ -406,14 +433,20 @@ def make_rig(values: Values) -> Rig:
     if path:
         return read_rig(path, geometry, noise, sensors)
     if seed:
+        links_deg, axes_deg = values['sim.tolerance_deg']
+        first_deg, second_deg = values['sim.harmonics_deg']
+        tolerances = Tolerances(
+            links=radians(links_deg),
+            axes=radians(axes_deg),
+            first_harmonic=radians(first_deg),
+            second_harmonic=radians(second_deg),
+        )
         return random_rig(
-            seed,
-            Tolerances(
-                *map(radians, (*values['sim.tolerance_deg'], *values['sim.harmonics_deg']))
-            ),
-            geometry,
-            noise,
-            sensors,
+            seed=seed,
+            tolerances=tolerances,
+            geometry=geometry,
+            noise=noise,
+            sensors=sensors,
         )
     return perfect_rig(geometry, noise, sensors)
 
@@ -441,21 +474,18 @@ def _complaint(key: str, value: Any, sensors: int) -> str:
         return ''
     if key not in KEYS:
         return f'one of the keys {", ".join((*KEYS, *NOT_READ))}'
-    shape, least, most = KEYS[key]
-    lengths = [length or sensors for length in shape]
+    wanted = KEYS[key]
+    lengths = [length or sensors for length in wanted.lengths]
 
     def fits(part: Any, depth: int) -> bool:
         if depth == len(lengths):
-            return type(part) in (int, float) and least <= part <= most
-        return (
-            isinstance(part, list)
-            and len(part) == lengths[depth]
-            and all(fits(each, depth + 1) for each in part)
-        )
+            is_number = type(part) in (int, float)
+            return is_number and wanted.least <= part <= wanted.most
+        if not isinstance(part, list) or len(part) != lengths[depth]:
+            return False
+        return all(fits(each, depth + 1) for each in part)
 
     if fits(value, 0):
         return ''
-    return (
-        f'a list of {" of lists of ".join(map(str, lengths))}, each '
-        f'a number from {least:g} to {most:g}'
-    )
+    nested = ' of lists of '.join(map(str, lengths))
+    return f'a list of {nested}, each a number from {wanted.least:g} to {wanted.most:g}'

@@ -80,7 +80,8 @@ class SimSource(EncoderSource):
         self._axes_at: int | None = None
         self._period = 1.0 / rate
         self._grid = DeadlineGrid(self._period)
-        self._began = self._sets = 0
+        self._began = 0
+        self._sets = 0
         # The next deadline, s into the motion, and the angles there, computed in advance.
         self._due = 0.0
         self._prepared: tuple[float, ...] | None = None
@@ -112,7 +113,8 @@ class SimSource(EncoderSource):
         if not self._grid.wait(timeout):
             return None
         stamp = time.time_ns()
-        self._began = self._began or stamp
+        if not self._began:
+            self._began = stamp
         self._sets += 1
         t = (stamp - self._began) * 1e-9
         lateness = self._grid.lateness
@@ -120,14 +122,17 @@ class SimSource(EncoderSource):
             self._last = self._due
             angles = self._prepared
         else:
-            self._last, angles = t, self.angles(t)
-        self._due = t - lateness % self._period + self._period
+            self._last = t
+            angles = self.angles(t)
+        since_deadline = lateness % self._period
+        self._due = t - since_deadline + self._period
         self._prepared = None
         self._axes_at = stamp
         faults = self.faults
         if faults or self._stuck:
             angles = self._with_faults(angles, faults)
-            if sum(isfinite(angle) for angle in angles) < len(JOINT_NAMES):
+            present = sum(map(isfinite, angles))
+            if present < len(JOINT_NAMES):
                 return None
         return JointSample(stamp, angles)
 
@@ -141,9 +146,13 @@ class SimSource(EncoderSource):
         seconds = stamp * 1e-9
         readings = []
         for axis, motion in zip(self.axes, self._axis_motions, strict=True):
-            data = axis.layout.data(motion.angle(t))
-            message = can.Message(timestamp=seconds, arbitration_id=axis.layout.can_id, data=data)
-            if (reading := axis.take(message, seconds)) is not None:
+            message = can.Message(
+                timestamp=seconds,
+                arbitration_id=axis.layout.can_id,
+                data=axis.layout.data(motion.angle(t)),
+            )
+            reading = axis.take(message, seconds)
+            if reading is not None:
                 readings.append(reading._replace(stamp=stamp))
         return readings
 
@@ -167,16 +176,22 @@ class SimSource(EncoderSource):
         return tuple(map(_measured, self._reached, self._counts_per_turn, self._harmonics))
 
     def _with_faults(
-        self, angles: tuple[float, ...], faults: Iterable[Fault]
+        self,
+        angles: tuple[float, ...],
+        faults: Iterable[Fault],
     ) -> tuple[float, ...]:
-        """Return the angles as the faulty sensors have them, rad."""
-        self._stuck = {
-            joint: self._stuck.get(joint, angles[joint]) for joint in _joints('stuck', faults)
-        }
-        read = [self._stuck.get(joint, angle) for joint, angle in enumerate(angles)]
+        """Return what sensors with faults read, rad; NaN without an answer."""
+        stuck = {}
+        for joint in _joints('stuck', faults):
+            stuck[joint] = self._stuck.get(joint, angles[joint])
+        self._stuck = stuck
+        read = list(angles)
+        for joint, angle in stuck.items():
+            read[joint] = angle
         for fault in faults:
             if fault.kind == 'offset' and fault.joint is not None:
-                read[fault.joint] = remainder(read[fault.joint] + radians(fault.value), TURN)
+                shifted = read[fault.joint] + radians(fault.value)
+                read[fault.joint] = remainder(shifted, TURN)
         for joint in _joints('dropout', faults):
             read[joint] = nan
         return tuple(read)
@@ -212,13 +227,18 @@ class SimSource(EncoderSource):
         """
         missing = _joints('dropout', self.faults)
         left = len(self._counts_per_turn) - len(missing)
-        if not missing or suffices != (left >= len(JOINT_NAMES)):
+        is_enough = left >= len(JOINT_NAMES)
+        if not missing or suffices != is_enough:
             return None
-        return f'no answer of {", ".join(ALL_JOINT_NAMES[joint] for joint in missing)}'
+        names = [ALL_JOINT_NAMES[joint] for joint in missing]
+        return f'no answer of {", ".join(names)}'
 
     def statistics(self) -> dict[str, object]:
         """Return the numbers of sets made and of deadlines missed."""
-        return {'sets': self._sets, 'missed deadlines': self._grid.missed}
+        return {
+            'sets': self._sets,
+            'missed deadlines': self._grid.missed,
+        }
 
     @property
     def lost(self) -> float:
@@ -228,20 +248,23 @@ class SimSource(EncoderSource):
 
 def _joints(kind: str, faults: Iterable[Fault]) -> list[int]:
     """Return the joints that have a fault of a kind."""
-    return sorted(
-        {fault.joint for fault in faults if fault.kind == kind and fault.joint is not None}
-    )
+    found = set()
+    for fault in faults:
+        if fault.kind == kind and fault.joint is not None:
+            found.add(fault.joint)
+    return sorted(found)
 
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:
     """Return an angle as the driver has it, rad: quantised, then corrected by its harmonics."""
+    counts = counts_from_angle(
+        angle=angle,
+        zero_count=0,
+        direction=1,
+        counts_per_turn=per_turn,
+    )
     reading = angle_from_counts(
-        counts=counts_from_angle(
-            angle=angle,
-            zero_count=0,
-            direction=1,
-            counts_per_turn=per_turn,
-        ),
+        counts=counts,
         zero_count=0,
         direction=1,
         counts_per_turn=per_turn,

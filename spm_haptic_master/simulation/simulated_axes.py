@@ -48,7 +48,8 @@ class SimulatedAxis:
 
     def position(self, t: float) -> float:
         """Return the position at `t`, s, in m or rad."""
-        return self.middle + self.amplitude * sin(2.0 * pi * t / self.stroke)
+        angle = 2.0 * pi * t / self.stroke
+        return self.middle + self.amplitude * sin(angle)
 
     def angle(self, t: float) -> float:
         """Return the angle of its layout at `t`, s, rad."""
@@ -58,11 +59,17 @@ class SimulatedAxis:
 def simulated_axis(axis: SingleAxis) -> SimulatedAxis:
     """Return the simulated encoder of an axis."""
     limits = axis.limits
+    node_id = None
+    if axis.node is not None:
+        node_id = axis.node.node_id
+    stroke = GRIPPER_STROKE
+    if axis.name == INSERTION:
+        stroke = INSERTION_STROKE
     return SimulatedAxis(
         layout=axis.layout,
-        node_id=None if axis.node is None else axis.node.node_id,
+        node_id=node_id,
         middle=0.5 * (limits.least + limits.greatest),
         amplitude=0.5 * SHARE * (limits.greatest - limits.least),
-        stroke=INSERTION_STROKE if axis.name == INSERTION else GRIPPER_STROKE,
+        stroke=stroke,
         scale=axis.scale,
     )

@@ -72,27 +72,36 @@ class SimulatedBus:
         axes: tuple[SimulatedAxis, ...] = (),
     ):
         self._axes = axes
-        ids = (*(node_ids or (None,) * len(layouts)), *(axis.node_id for axis in axes))
+        ids: list[int | None] = [None] * len(layouts)
+        if node_ids:
+            ids = list(node_ids)
+        ids += [axis.node_id for axis in axes]
         layouts = (*layouts, *(axis.layout for axis in axes))
-        self.nodes = tuple(
-            SimulatedNode(
-                layout=layout,
-                node_id=node_id,
-                options=options,
-                quirks=quirks_of(quirks, index),
+        nodes = []
+        for index, layout in enumerate(layouts):
+            nodes.append(
+                SimulatedNode(
+                    layout=layout,
+                    node_id=ids[index],
+                    options=options,
+                    quirks=quirks_of(quirks, index),
+                )
             )
-            for index, (layout, node_id) in enumerate(zip(layouts, ids, strict=True))
-        )
+        self.nodes = tuple(nodes)
         self.faults = Faults(faults)
         self._motion = motion
         # Time of each node's next heartbeat, s.
         self._heartbeat_at = [0.0] * len(layouts)
         self._random = random.Random(seed)
         # Times after the begin of a cycle at which the encoders sample and send, s.
-        free = any(quirk.kind == 'phases' for quirk in quirks) and not options.synchronised
-        self._phases = [options.period * self._random.random() if free else 0.0 for _ in layouts]
+        has_phases = any(quirk.kind == 'phases' for quirk in quirks)
+        self._phases = [0.0] * len(layouts)
+        if has_phases and not options.synchronised:
+            self._phases = [options.period * self._random.random() for _ in layouts]
         # Answers that each late encoder has not sent yet, with the times when they are due, s.
-        self._queues: list[deque[tuple[float, can.Message]]] = [deque() for _ in layouts]
+        self._queues: list[deque[tuple[float, can.Message]]] = []
+        for _ in layouts:
+            self._queues.append(deque())
         self._began: float | None = None
         self._jumped: list[Fault] = []
         # Where the stuck encoders got stuck, by index (rad).
@@ -100,18 +109,20 @@ class SimulatedBus:
 
     def identifiers(self) -> list[tuple[bool, int]]:
         """Return the identifiers of TPDOs and heartbeats: whether of 29 bits, and which."""
-        return [
-            *((node.layout.extended, node.layout.can_id) for node in self.nodes),
-            *(
-                (False, canopen.HEARTBEAT_BASE + node.node_id)
-                for node in self.nodes
-                if node.node_id is not None
-            ),
-        ]
+        found = []
+        for node in self.nodes:
+            found.append((node.layout.extended, node.layout.can_id))
+        for node in self.nodes:
+            if node.node_id is not None:
+                found.append((False, canopen.HEARTBEAT_BASE + node.node_id))
+        return found
 
     def boot(self) -> list[can.Message]:
         """Switch the encoders on and return their boot-up messages."""
-        return [message for node in self.nodes for message in node.boot()]
+        sent = []
+        for node in self.nodes:
+            sent += node.boot()
+        return sent
 
     def receive(self, message: can.Message) -> list[can.Message]:
         """
@@ -128,19 +139,14 @@ class SimulatedBus:
             Answers of all nodes that are neither off nor muted by a fault.
 
         """
-        if (
-            message.is_error_frame
-            or message.is_remote_frame
-            or message.is_extended_id
-            or self._mute()
-        ):
+        is_other = message.is_error_frame or message.is_remote_frame or message.is_extended_id
+        if is_other or self._mute():
             return []
-        return [
-            answer
-            for index, node in enumerate(self.nodes)
-            if not self._off(index)
-            for answer in node.receive(message)
-        ]
+        answers = []
+        for index, node in enumerate(self.nodes):
+            if not self._off(index):
+                answers += node.receive(message)
+        return answers
 
     def cycle(self, now: float) -> list[can.Message]:
         """
@@ -159,9 +165,8 @@ class SimulatedBus:
             TPDOs that are due, and the frames of faults that begin or end.
 
         """
-        if self._began is None and not any(
-            node.state == canopen.OPERATIONAL for node in self.nodes
-        ):
+        is_operational = any(node.state == canopen.OPERATIONAL for node in self.nodes)
+        if self._began is None and not is_operational:
             return []
         answers = self._begin(now)
         if self._mute():
@@ -196,13 +201,17 @@ class SimulatedBus:
         if phase:
             angle = self._angles(now + phase)[index]
         answers = node.sync(now)
-        sent = node.sample(self._faulty(index, angle), self._fault(index, 'counter') is not None)
+        is_counter_stuck = self._fault(index, 'counter') is not None
+        sent = node.sample(self._faulty(index, angle), is_counter_stuck)
         loss = self._fault(index, 'loss')
-        late = self._fault(index, 'late')
         if loss is not None and 100.0 * self._random.random() < loss.value:
             return answers
-        due = now + phase + (0.0 if late is None else late.value)
-        self._queues[index].extend((due, each) for each in sent)
+        due = now + phase
+        late = self._fault(index, 'late')
+        if late is not None:
+            due += late.value
+        for message in sent:
+            self._queues[index].append((due, message))
         return answers + self._due(index, now)
 
     def _begin(self, now: float) -> list[can.Message]:
@@ -214,15 +223,22 @@ class SimulatedBus:
 
     def _angles(self, now: float) -> tuple[float, ...]:
         """Return the angles of joints and axes at a time, s; rad."""
-        t = now - (now if self._began is None else self._began)
-        return (*self._motion.angles(t), *(axis.angle(t) for axis in self._axes))
+        t = 0.0
+        if self._began is not None:
+            t = now - self._began
+        of_axes = [axis.angle(t) for axis in self._axes]
+        return (*self._motion.angles(t), *of_axes)
 
     def _due(self, index: int, now: float) -> list[can.Message]:
         """Return the answers of an encoder that are due by a time, s."""
         queue = self._queues[index]
         found = []
-        while queue and queue[0][0] <= now:
-            found.append(queue.popleft()[1])
+        while queue:
+            due, message = queue[0]
+            if due > now:
+                break
+            queue.popleft()
+            found.append(message)
         return found
 
     def orientation(self, now: float) -> tuple[float, float, float, float] | None:
@@ -250,21 +266,22 @@ class SimulatedBus:
         """Return the frames that faults send because they begin or end by a time, s."""
         if self._began is None:
             return []
-        return [
-            message
-            for fault, begins in self.faults.update(now - self._began)
-            for message in self._messages(fault, begins)
-        ]
+        sent = []
+        for fault, begins in self.faults.update(now - self._began):
+            sent += self._messages(fault, begins)
+        return sent
 
     def _messages(self, fault: Fault, begins: bool) -> list[can.Message]:
         """Return the frames that a fault sends when it begins or ends."""
         if fault.kind == 'busoff':
             error = BUS_OFF if begins else RESTARTED
-            return [
-                can.Message(
-                    arbitration_id=error, is_error_frame=True, is_extended_id=False, data=bytes(8)
-                )
-            ]
+            frame = can.Message(
+                arbitration_id=error,
+                is_error_frame=True,
+                is_extended_id=False,
+                data=bytes(8),
+            )
+            return [frame]
         if fault.joint is None:
             return []
         if fault.kind == 'stuck':
@@ -336,11 +353,7 @@ class SimulatedBus:
             The first one of these kinds; None without one.
 
         """
-        return next(
-            (
-                fault
-                for fault in self.faults.present
-                if fault.kind in kinds and fault.joint == index
-            ),
-            None,
-        )
+        for fault in self.faults.present:
+            if fault.kind in kinds and fault.joint == index:
+                return fault
+        return None

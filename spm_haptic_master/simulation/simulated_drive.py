@@ -23,7 +23,10 @@ from spm_haptic_master.simulation.object_store import (
     GENERIC_ERROR,
     heartbeat,
     identity,
+    is_nmt_command,
+    is_sdo_request,
     Key,
+    Mapped,
     ObjectStore,
     RESETS,
     SdoAbortError,
@@ -33,8 +36,12 @@ from spm_haptic_master.simulation.object_store import (
 
 # Device type: a servo drive.
 DEVICE_TYPE = 0x00020000 | canopen.DRIVE_PROFILE
+# Numbers of the PDOs that a drive takes.
+PDOS = (0, 1)
 # Modes that the drive has: profile torque and cyclic synchronous torque.
-MODES = 1 << cia402.PROFILE_TORQUE - 1 | 1 << cia402.CYCLIC_TORQUE - 1
+MODE_NUMBERS = (cia402.PROFILE_TORQUE, cia402.CYCLIC_TORQUE)
+# These modes as an object has them: one bit a mode, mode 1 is bit 0.
+MODES = sum(1 << number - 1 for number in MODE_NUMBERS)
 # Statusword of each state, with voltage and remote on.
 STATUSWORDS = {
     State.DISABLED: 0x0250,
@@ -77,22 +84,25 @@ class DriveObjects(ObjectStore):
                 value = each.value
             else:
                 value = 0
-            entries[each.index, each.subindex] = Entry(value, each.size, not each.of_device)
+            entries[each.index, each.subindex] = Entry(
+                value=value,
+                size=each.size,
+                writable=not each.of_device,
+            )
         if factory:
             for pdo in wanted.pdos:
-                entries[pdo.identifier.index, canopen.TPDO_IDENTIFIER] = Entry(
-                    pdo.identifier.value | canopen.TPDO_OFF
-                )
+                key = (pdo.identifier.index, canopen.TPDO_IDENTIFIER)
+                entries[key] = Entry(pdo.identifier.value | canopen.TPDO_OFF)
             entries[cia402.ABORT_OPTION] = Entry(FAULT_ON_ABORT, 2)
-        super().__init__(
-            entries
-            | {
-                canopen.STORE: Entry(STORES_ON_COMMAND),
-                cia402.MODE: Entry(0, 1),
-                cia402.STATUSWORD: Entry(0, 2, False),
-                cia402.SUPPORTED_MODES: Entry(MODES, writable=False),
-            }
+        entries[canopen.STORE] = Entry(STORES_ON_COMMAND)
+        entries[cia402.MODE] = Entry(value=0, size=1)
+        entries[cia402.STATUSWORD] = Entry(
+            value=0,
+            size=2,
+            writable=False,
         )
+        entries[cia402.SUPPORTED_MODES] = Entry(MODES, writable=False)
+        super().__init__(entries)
 
     def show(self, key: Key, value: int) -> None:
         """
@@ -106,10 +116,12 @@ class DriveObjects(ObjectStore):
             New value.
 
         """
-        self._entries[key] = replace(self._entries[key], value=value)
+        entry = self._entries[key]
+        self._entries[key] = replace(entry, value=value)
 
     def _check_state(self, key: Key, value: int) -> None:
         """Refuse a mode of operation (6060h) that the drive does not have."""
+        # A mode is one byte with a sign; the drive has none beyond 32.
         if key == cia402.MODE and not MODES >> (value - 1 & 0x1F) & 1:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
 
@@ -147,10 +159,12 @@ class SimulatedDrive:
         self.objects = DriveObjects(plan, own, factory)
         self.faults: dict[str, float] = {}
         # Times of the own latest heartbeat, status frame and step, s.
-        self._heartbeat_at = self._status_at = float('-inf')
+        self._heartbeat_at = float('-inf')
+        self._status_at = float('-inf')
         self._now: float | None = None
         self._heat = 0.0
-        self._control = self._target = 0
+        self._control = 0
+        self._target = 0
         self._syncs = 0  # since the latest status frame
         self.boot()
 
@@ -158,9 +172,9 @@ class SimulatedDrive:
     def torque(self) -> int:
         """Torque of the motor within the drive's own cap, per mille of the rated one."""
         cap = self.objects.value(*cia402.MAXIMUM_TORQUE)
-        if self.state is State.ENABLED:
-            return max(-cap, min(cap, self._target))
-        return 0
+        if self.state is not State.ENABLED:
+            return 0
+        return max(-cap, min(cap, self._target))
 
     def boot(self) -> list[can.Message]:
         """Enter pre-operational, and return the boot-up message."""
@@ -194,14 +208,12 @@ class SimulatedDrive:
             return []
         identifier = message.arbitration_id
         data = bytes(message.data)
-        if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
+        if is_nmt_command(identifier, data, self.node_id):
             return self._command(data[0])
-        if (
-            identifier == canopen.SDO_REQUEST_BASE + self.node_id
-            and len(data) == canopen.SDO_LENGTH
-        ):
+        if is_sdo_request(identifier, data, self.node_id):
             self.objects.show(cia402.STATUSWORD, STATUSWORDS[self.state])
-            return [self.objects.answer(self.node_id, data)]
+            answer = self.objects.answer(self.node_id, data)
+            return [answer]
         if identifier == canopen.SYNC_ID and self._is_sync_due():
             return self._status()
         if identifier == self._master_heartbeat:
@@ -219,10 +231,12 @@ class SimulatedDrive:
     def _take_pdo(self, identifier: int, data: bytes, now: float) -> list[can.Message]:
         """Take a frame that is one of its RPDOs, while the node is operational."""
         found: list[can.Message] = []
-        if self.nmt == canopen.OPERATIONAL:
-            for number in (0, 1):
-                if identifier == self.objects.value(canopen.RPDO_PARAMETERS + number, 1):
-                    found += self._take(number, data, now)
+        if self.nmt != canopen.OPERATIONAL:
+            return found
+        for number in PDOS:
+            own = self.objects.value(canopen.RPDO_PARAMETERS + number, 1)
+            if identifier == own:
+                found += self._take(number, data, now)
         return found
 
     @property
@@ -254,10 +268,15 @@ class SimulatedDrive:
             Frames that are due.
 
         """
-        sent = self._time_out(now) + self._heat_up(0.0 if self._now is None else now - self._now)
+        elapsed = 0.0
+        if self._now is not None:
+            elapsed = now - self._now
+        sent = self._time_out(now)
+        sent += self._heat_up(elapsed)
         self._now = now
         if 'drive' in self.faults and self.state is not State.FAULT:
-            sent += self._fail(int(self.faults['drive']))
+            code = int(self.faults['drive'])
+            sent += self._fail(code)
         objects = self.objects
         period = 1e-3 * objects.value(*canopen.HEARTBEAT_TIME)
         if period and now - self._heartbeat_at >= period:
@@ -272,9 +291,11 @@ class SimulatedDrive:
 
     def _is_status_due(self, now: float) -> bool:
         """Return whether the timer of the status frame has run out."""
-        period = 1e-3 * self.objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
-        is_by_timer = period > 0.0 and not self._syncs_a_status
-        return is_by_timer and self.nmt == canopen.OPERATIONAL and now - self._status_at >= period
+        if self._syncs_a_status or self.nmt != canopen.OPERATIONAL:
+            return False
+        timer = self.objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
+        period = 1e-3 * timer
+        return period > 0.0 and now - self._status_at >= period
 
     def _command(self, command: int) -> list[can.Message]:
         """Follow an NMT command; only an operational node has its motor enabled."""
@@ -306,10 +327,10 @@ class SimulatedDrive:
         """
         sent: list[can.Message] = []
         for entry in self.objects.mapped(canopen.RPDO_MAPPING + number):
-            length = (entry & 0xFF) // 8
-            value = int.from_bytes(data[:length], 'little', signed=True)
-            data = data[length:]
-            key = entry >> 16, entry >> 8 & 0xFF
+            mapped = Mapped.of(entry)
+            value = int.from_bytes(data[: mapped.length], 'little', signed=True)
+            data = data[mapped.length :]
+            key = mapped.key
             if key == cia402.CONTROLWORD:
                 sent += self._controlword(value & 0xFFFF)
             elif key == cia402.TARGET_TORQUE:
@@ -319,13 +340,12 @@ class SimulatedDrive:
 
     def _controlword(self, word: int) -> list[can.Message]:
         """Follow a controlword, one transition a frame."""
-        resets = bool(word & ~self._control & cia402.FAULT_RESET)
+        # A rising edge.
+        resets = word & ~self._control & cia402.FAULT_RESET
         self._control = word
         state = self.state
         if state is State.FAULT:
-            if resets:
-                return self._reset_fault()
-            return []
+            return self._reset_fault() if resets else []
         command = word & 0x0F
         if command & 0x06 != 0x06:
             self._disable()
@@ -344,7 +364,8 @@ class SimulatedDrive:
             return []
         self.state = State.DISABLED
         self._heat = 0.0
-        return [canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)]
+        ended = canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)
+        return [ended]
 
     def _time_out(self, now: float) -> list[can.Message]:
         """Follow the abort option where torque frames or the master's heartbeat have stopped."""
@@ -352,15 +373,15 @@ class SimulatedDrive:
             return []
         objects = self.objects
         sent = []
-        timer = max(
-            objects.value(canopen.RPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER)
-            for number in (0, 1)
-        )
-        if timer and self._torque_at is not None and now - self._torque_at > 1e-3 * timer:
+        timers = []
+        for number in PDOS:
+            parameters = canopen.RPDO_PARAMETERS + number
+            timers.append(objects.value(parameters, canopen.TPDO_EVENT_TIMER))
+        if _is_over(self._torque_at, max(timers), now):
             self._torque_at = None
             sent += self._abort(PDO_LOST)
         limit = objects.value(*cia402.HEARTBEAT_CONSUMER) & 0xFFFF
-        if limit and self._master_at is not None and now - self._master_at > 1e-3 * limit:
+        if _is_over(self._master_at, limit, now):
             self._master_at = None
             sent += self._abort(HEARTBEAT_LOST)
             if not objects.value(*cia402.ERROR_BEHAVIOUR):
@@ -374,12 +395,16 @@ class SimulatedDrive:
             return self._fail(code)
         if option == cia402.DISABLE_VOLTAGE_ON_ABORT:
             self._disable()
-        return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
+        return [self._error(code)]
 
     def _fail(self, code: int) -> list[can.Message]:
         """Enter the state Fault; return the emergency with an error code."""
         self.state = State.FAULT
-        return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
+        return [self._error(code)]
+
+    def _error(self, code: int) -> can.Message:
+        """Return EMCY with an error code."""
+        return canopen.emcy(self.node_id, code, GENERIC_ERROR)
 
     def _disable(self) -> None:
         """Disable the voltage; a fault stays one."""
@@ -404,7 +429,8 @@ class SimulatedDrive:
 
         """
         share = self.torque / cia402.PER_MILLE
-        self._heat = max(0.0, self._heat + (share * share - 1.0) * elapsed)
+        above_rated = share * share - 1.0
+        self._heat = max(0.0, self._heat + above_rated * elapsed)
         if self._heat > HEAT_LIMIT:
             return self._fail(TOO_HOT)
         return []
@@ -416,18 +442,27 @@ class SimulatedDrive:
         if identifier & canopen.TPDO_OFF:
             return []
         off = 0.01 * self.faults.get('drive_torque', 0.0)
+        reported = self.torque * (1.0 + off)
         shown = {
             cia402.STATUSWORD: STATUSWORDS[self.state],
-            cia402.TORQUE_ACTUAL: round(self.torque * (1.0 + off)),
+            cia402.TORQUE_ACTUAL: round(reported),
             cia402.MODE_DISPLAY: objects.value(*cia402.MODE),
         }
         data = b''
         for entry in objects.mapped(canopen.TPDO_MAPPING):
-            length = (entry & 0xFF) // 8
-            data += (
-                shown.get((entry >> 16, entry >> 8 & 0xFF), 0) & (1 << 8 * length) - 1
-            ).to_bytes(length, 'little')
-        return [canopen.frame(identifier & canopen.TPDO_ID_MASK, data)]
+            mapped = Mapped.of(entry)
+            every_bit = (1 << 8 * mapped.length) - 1
+            value = shown.get(mapped.key, 0) & every_bit
+            data += value.to_bytes(mapped.length, 'little')
+        status = canopen.frame(identifier & canopen.TPDO_ID_MASK, data)
+        return [status]
+
+
+def _is_over(since: float | None, limit: int, now: float) -> bool:
+    """Return whether a limit, ms, has passed since a time, s; 0 is no limit, None no time."""
+    if not limit or since is None:
+        return False
+    return now - since > 1e-3 * limit
 
 
 class SimulatedDrives:
@@ -454,30 +489,42 @@ class SimulatedDrives:
 
     def __init__(self, plan: Plan, faults: tuple[Fault, ...] = (), factory: bool = False):
         self.drives = tuple(SimulatedDrive(plan, own, factory) for own in plan.drives)
-        self.faults = Faults(fault for fault in faults if fault.joint in range(len(self.drives)))
+        known = range(len(self.drives))
+        self.faults = Faults(fault for fault in faults if fault.joint in known)
         self._began: float | None = None
 
     def boot(self) -> list[can.Message]:
         """Switch the drives on, and return their boot-up messages."""
-        return [message for drive in self.drives for message in drive.boot()]
+        sent = []
+        for drive in self.drives:
+            sent += drive.boot()
+        return sent
 
     def receive(self, message: can.Message, now: float) -> list[can.Message]:
         """Return the answers to a frame that comes at a time, s."""
         if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
             return []
-        return [answer for drive in self.drives for answer in drive.receive(message, now)]
+        answers = []
+        for drive in self.drives:
+            answers += drive.receive(message, now)
+        return answers
 
     def tend(self, now: float) -> list[can.Message]:
         """Let time go on to `now`, s; return the frames that are due."""
-        if self._began is None and any(drive.nmt == canopen.OPERATIONAL for drive in self.drives):
+        is_operational = any(drive.nmt == canopen.OPERATIONAL for drive in self.drives)
+        if self._began is None and is_operational:
             self._began = now
         if self._began is not None and self.faults.update(now - self._began):
             self._distribute_faults()
-        return [message for drive in self.drives for message in drive.tend(now)]
+        sent = []
+        for drive in self.drives:
+            sent += drive.tend(now)
+        return sent
 
     def _distribute_faults(self) -> None:
         """Give each drive its present faults."""
-        for index, drive in enumerate(self.drives):
-            drive.faults = {
-                fault.kind: fault.value for fault in self.faults.present if fault.joint == index
-            }
+        for drive in self.drives:
+            drive.faults = {}
+        for fault in self.faults.present:
+            if fault.joint is not None:
+                self.drives[fault.joint].faults[fault.kind] = fault.value

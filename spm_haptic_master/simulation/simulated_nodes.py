@@ -19,6 +19,8 @@ from spm_haptic_master.simulation.object_store import (
     Entry,
     heartbeat,
     identity,
+    is_nmt_command,
+    is_sdo_request,
     Key,
     ObjectStore,
     RESETS,
@@ -122,22 +124,27 @@ class SimulatedNode(ObjectStore):
             layout = replace(layout, can_id=layout.can_id - node_id + other)
             node_id = other
         self.node_id = node_id
-        self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
+        self.state = canopen.PRE_OPERATIONAL
+        if node_id is None:
+            self.state = canopen.OPERATIONAL
         self._quirks = quirks
         self._sent = 0
         # Time of the latest SYNC, s; None before the first, and after it left because of one.
         self._synced: float | None = None
         # The layout once it is set up.
         self._layout = layout
-        self._type = canopen.EVERY_SYNC if options.synchronised else canopen.EVENT_DRIVEN
+        self._type = canopen.EVENT_DRIVEN
+        if options.synchronised:
+            self._type = canopen.EVERY_SYNC
         base = layout.can_id - (node_id or 0)
+        number = 0
         if base in canopen.TPDO_BASES:
             number = canopen.TPDO_BASES.index(base)
-        else:
-            number = 0
         self._parameters = canopen.TPDO_PARAMETERS + number
         self._mapping = canopen.TPDO_MAPPING + number
-        objects = identity(DEVICE_TYPE, serial) | self._pdo(options) | self._others(options)
+        objects = identity(DEVICE_TYPE, serial)
+        objects |= self._pdo(options)
+        objects |= self._others(options)
         super().__init__(_as_of_maker(objects, quirks))
         self.put(canopen.ERROR_REGISTER, quirks.value('error', 0))
 
@@ -151,41 +158,49 @@ class SimulatedNode(ObjectStore):
             kind = canopen.EVENT_DRIVEN
             mapped = [MAPPED_POSITION, MAPPED_SPEED]
         else:
-            identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
+            identifier = layout.can_id
+            if layout.extended:
+                identifier |= canopen.TPDO_EXTENDED
             kind = self._type
             mapped = [MAPPED_POSITION]
-        entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
-        return {
+        entries = {
             (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
-            (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
-            (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
-            (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
-            (mapping, 0): Entry(len(mapped), 1),
-            **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
+            (parameters, canopen.TPDO_TYPE): Entry(kind, size=1),
+            (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, size=2),
+            (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, size=2),
+            (mapping, 0): Entry(len(mapped), size=1),
         }
+        for place in range(1, MAPPING_ENTRIES + 1):
+            entries[mapping, place] = Entry(0)
+        for place, entry in enumerate(mapped, start=1):
+            entries[mapping, place] = Entry(entry)
+        return entries
 
     def _others(self, options: NodeOptions) -> dict[Key, Entry]:
         """Return the objects of SYNC, heartbeat, storing and scaling."""
         counts = self._layout.counts_per_turn
         disc = DISC_UNITS * counts
-        units = disc if options.factory else counts
-        scaling = 0 if options.factory else canopen.SCALING_ON
-        beat = 0.0 if options.factory else options.heartbeat
+        units = counts
+        scaling = canopen.SCALING_ON
+        beat = options.heartbeat
+        if options.factory:
+            units = disc
+            scaling = 0
+            beat = 0.0
+        supervised = 0.0
         if self._quirks.has('supervises_sync'):
             supervised = options.period
-        else:
-            supervised = 0.0
         return {
             canopen.SYNC_IDENTIFIER: Entry(canopen.SYNC_ID),
             canopen.SYNC_PERIOD: Entry(round(1e6 * supervised)),
-            canopen.SYNC_COUNTER: Entry(0, 1),
+            canopen.SYNC_COUNTER: Entry(0, size=1),
             canopen.STORE: Entry(STORES_ON_COMMAND),
-            canopen.HEARTBEAT_TIME: Entry(round(beat * 1e3), 2),
-            canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
+            canopen.HEARTBEAT_TIME: Entry(round(beat * 1e3), size=2),
+            canopen.OPERATING_PARAMETERS: Entry(scaling, size=2),
             canopen.UNITS_PER_TURN: Entry(units),
             canopen.TOTAL_RANGE: Entry(units),
             canopen.POSITION: Entry(0, writable=False),
-            canopen.CYCLIC_TIMER: Entry(0, 2),
+            canopen.CYCLIC_TIMER: Entry(0, size=2),
             canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
         }
 
@@ -218,16 +233,14 @@ class SimulatedNode(ObjectStore):
         data = bytes(message.data)
         if self.node_id is None:
             return []
-        if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
+        if is_nmt_command(identifier, data, self.node_id):
             return self._command(data[0])
-        if (
-            identifier == canopen.SDO_REQUEST_BASE + self.node_id
-            and len(data) == canopen.SDO_LENGTH
-            and self.state != canopen.STOPPED
-            and data[0] != canopen.SDO_ABORT
-        ):
-            return [self.answer(self.node_id, data)]
-        return []
+        if not is_sdo_request(identifier, data, self.node_id):
+            return []
+        if self.state == canopen.STOPPED or data[0] == canopen.SDO_ABORT:
+            return []
+        answer = self.answer(self.node_id, data)
+        return [answer]
 
     def sample(self, angle: float, counter_stuck: bool = False) -> list[can.Message]:
         """
@@ -243,36 +256,40 @@ class SimulatedNode(ObjectStore):
         """
         if self.state != canopen.OPERATIONAL or not self._sends:
             return []
-        self._sent += not counter_stuck
-        return [
-            can.Message(
-                arbitration_id=self._identifier,
-                is_extended_id=self.layout.extended,
-                data=self.layout.data(angle, self._sent) + bytes(self._more),
-            )
-        ]
+        if not counter_stuck:
+            self._sent += 1
+        counts = self.layout.data(angle, self._sent)
+        answer = can.Message(
+            arbitration_id=self._identifier,
+            is_extended_id=self.layout.extended,
+            data=counts + bytes(self._more),
+        )
+        return [answer]
 
     def sync(self, now: float) -> list[can.Message]:
         """Note a SYNC at a time, s; return the emergency that ends with it."""
-        returned = self._synced is None and self.value(*canopen.ERROR_REGISTER) == NO_SYNC_REGISTER
+        register = self.value(*canopen.ERROR_REGISTER)
+        returned = self._synced is None and register == NO_SYNC_REGISTER
         self._synced = now
         if not returned or self.node_id is None:
             return []
         self.put(canopen.ERROR_REGISTER, 0)
-        return [canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)]
+        ended = canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)
+        return [ended]
 
     def supervise(self, now: float) -> list[can.Message]:
         """Leave OPERATIONAL where SYNC is supervised and missing; return the emergency."""
         patience = 1e-6 * SYNC_PATIENCE * self.value(*canopen.SYNC_PERIOD)
         synced = self._synced
-        if not patience or synced is None or now - synced <= patience or self.node_id is None:
+        if not patience or synced is None or self.node_id is None:
             return []
-        if self.state != canopen.OPERATIONAL:
+        if now - synced <= patience or self.state != canopen.OPERATIONAL:
             return []
         self.state = canopen.PRE_OPERATIONAL
         self._synced = None
         self.put(canopen.ERROR_REGISTER, NO_SYNC_REGISTER)
-        return [canopen.emcy(self.node_id, NO_SYNC_CODE, NO_SYNC_REGISTER)]
+        missed = canopen.emcy(self.node_id, NO_SYNC_CODE, NO_SYNC_REGISTER)
+        return [missed]
 
     def _command(self, command: int) -> list[can.Message]:
         """Follow an NMT command; return the boot-up message after a reset."""
@@ -288,7 +305,8 @@ class SimulatedNode(ObjectStore):
         if key[0] == self._mapping:
             self._check_mapping(key[1], value)
         elif key == (self._parameters, canopen.TPDO_IDENTIFIER):
-            if not self._is_off and (self.value(*key) ^ value) & canopen.TPDO_ID_MASK:
+            changed = (self.value(*key) ^ value) & canopen.TPDO_ID_MASK
+            if changed and not self._is_off:
                 raise SdoAbortError(canopen.SDO_WRONG_STATE)
         elif key == canopen.UNITS_PER_TURN and not value:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
@@ -296,13 +314,15 @@ class SimulatedNode(ObjectStore):
     @property
     def _is_off(self) -> bool:
         """Whether the TPDO is off."""
-        return bool(self.value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
+        identifier = self.value(self._parameters, canopen.TPDO_IDENTIFIER)
+        return bool(identifier & canopen.TPDO_OFF)
 
     def _check_mapping(self, subindex: int, value: int) -> None:
         """Refuse an entry of the mapping while that or the TPDO is in use."""
         if not subindex and value > MAPPING_ENTRIES:
             raise SdoAbortError(canopen.SDO_WRONG_VALUE)
-        if not self._is_off or (subindex and self.value(self._mapping, 0)):
+        is_mapped = subindex and self.value(self._mapping, 0)
+        if not self._is_off or is_mapped:
             raise SdoAbortError(canopen.SDO_WRONG_STATE)
 
     def _written(self, key: Key, value: int) -> None:
@@ -316,27 +336,29 @@ class SimulatedNode(ObjectStore):
         identifier = self.value(self._parameters, canopen.TPDO_IDENTIFIER)
         self._identifier = identifier & canopen.TPDO_ID_MASK
         mapped = self.mapped(self._mapping)
-        self._sends = (
-            not identifier & canopen.TPDO_OFF
-            and MAPPED_POSITION in mapped[:1]
-            and self.value(self._parameters, canopen.TPDO_TYPE) == self._type
-        )
-        self._more = sum(entry & 0xFF for entry in mapped[1:]) // 8
+        kind = self.value(self._parameters, canopen.TPDO_TYPE)
+        has_position = MAPPED_POSITION in mapped[:1]
+        self._sends = not self._is_off and has_position and kind == self._type
+        bits_of_others = sum(entry & 0xFF for entry in mapped[1:])
+        self._more = bits_of_others // 8
         self.heartbeat_period = 1e-3 * self.value(*canopen.HEARTBEAT_TIME)
-        scaled = self.value(*canopen.OPERATING_PARAMETERS) & canopen.SCALING_ON
-        units = self.value(*(canopen.UNITS_PER_TURN if scaled else canopen.DISC_UNITS_PER_TURN))
+        if self.value(*canopen.OPERATING_PARAMETERS) & canopen.SCALING_ON:
+            units = self.value(*canopen.UNITS_PER_TURN)
+        else:
+            units = self.value(*canopen.DISC_UNITS_PER_TURN)
         layout = self._layout
-        self.layout = replace(
-            layout,
-            counts_per_turn=units,
-            zero_count=layout.zero_count * units // layout.counts_per_turn,
-        )
+        zero_count = layout.zero_count * units // layout.counts_per_turn
+        self.layout = replace(layout, counts_per_turn=units, zero_count=zero_count)
 
 
 def _as_of_maker(objects: dict[Key, Entry], quirks: Quirks) -> dict[Key, Entry]:
     """Return objects without those that a device lacks, and read-only as it has them."""
-    return {
-        key: replace(entry, writable=False) if quirks.concern('read_only', key) else entry
-        for key, entry in objects.items()
-        if not quirks.concern('missing', key)
-    }
+    found = {}
+    for key, entry in objects.items():
+        if quirks.concern('missing', key):
+            continue
+        if quirks.concern('read_only', key):
+            found[key] = replace(entry, writable=False)
+        else:
+            found[key] = entry
+    return found

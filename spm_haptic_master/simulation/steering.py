@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import atan2, cos, degrees, exp, hypot, isfinite, pi, radians, remainder, sin, sqrt
+from operator import mul
 from typing import NamedTuple
 
 from spm_haptic_master.exceptions import InputError
@@ -122,11 +123,15 @@ class Steering:
         """
         if not isfinite(azimuth):
             raise InputError(f'azimuth {azimuth:g} rad; expected a finite number')
-        for name, angle, limits in (('tilt', tilt, (0.0, TILT_LIMIT)), ('phi', phi, PHI_LIMITS)):
-            if not limits[0] <= angle <= limits[1]:
-                low, high = map(degrees, limits)
-                raise InputError(f'{name} {degrees(angle):g} deg; expected {low:g} to {high:g}')
-        self._requests.append(Place(tilt * cos(azimuth), tilt * sin(azimuth), phi))
+        _check_angle('tilt', tilt, 0.0, TILT_LIMIT)
+        least, most = PHI_LIMITS
+        _check_angle('phi', phi, least, most)
+        target = Place(
+            u=tilt * cos(azimuth),
+            v=tilt * sin(azimuth),
+            phi=phi,
+        )
+        self._requests.append(target)
 
     def release(self) -> None:
         """Lead the platform back to its trajectory."""
@@ -145,10 +150,13 @@ class Steering:
 
     def _begin(self, t: float, target: Place | None) -> None:
         """Begin the course to a target at a time, s, from the present pose and velocity."""
-        offset, before = (self._difference(time, target) for time in (t, t - STEP))
-        rate = Place(
-            *(DECAY * now + (now - last) / STEP for now, last in zip(offset, before, strict=True))
-        )
+        offset = self._difference(t, target)
+        before = self._difference(t - STEP, target)
+        rates = []
+        for now, last in zip(offset, before, strict=True):
+            speed = (now - last) / STEP
+            rates.append(DECAY * now + speed)
+        rate = Place(*rates)
         self._courses = [
             self._courses[1],
             Course(
@@ -163,7 +171,11 @@ class Steering:
         """Return how far a target is; of the self-rotation the nearer way round."""
         here = self._place(t)
         there = self._reference(target, t)
-        return Place(here.u - there.u, here.v - there.v, remainder(here.phi - there.phi, 2.0 * pi))
+        return Place(
+            u=here.u - there.u,
+            v=here.v - there.v,
+            phi=remainder(here.phi - there.phi, 2.0 * pi),
+        )
 
     def _course(self, t: float) -> Course:
         """Return the latest course that has begun at a time."""
@@ -181,14 +193,20 @@ class Steering:
         course = self._course(t)
         elapsed = t - course.begins
         left = exp(-DECAY * elapsed)
-        return Place(
-            *(
-                end + (offset + rate * elapsed) * left
-                for end, offset, rate in zip(
-                    self._reference(course.target, t), course.offset, course.rate, strict=True
-                )
-            )
-        )
+        reference = self._reference(course.target, t)
+        parts = []
+        for end, offset, rate in zip(reference, course.offset, course.rate, strict=True):
+            distance = (offset + rate * elapsed) * left
+            parts.append(end + distance)
+        return Place(*parts)
+
+
+def _check_angle(name: str, angle: float, least: float, most: float) -> None:
+    """Raise InputError where an angle to steer to is out of its range, rad."""
+    if not least <= angle <= most:
+        low = degrees(least)
+        high = degrees(most)
+        raise InputError(f'{name} {degrees(angle):g} deg; expected {low:g} to {high:g}')
 
 
 def place(psi: float, theta: float, phi: float) -> Place:
@@ -201,11 +219,16 @@ def place(psi: float, theta: float, phi: float) -> Place:
         ZXZ angles, rad.
 
     """
-    axis = sin(theta) * sin(psi), -sin(theta) * cos(psi), cos(theta)
-    x, y = (sum(a * b for a, b in zip(axis, across, strict=True)) for across in ACROSS)
+    axis = (
+        sin(theta) * sin(psi),
+        -sin(theta) * cos(psi),
+        cos(theta),
+    )
+    x, y = (sum(map(mul, axis, across)) for across in ACROSS)
     sine = hypot(x, y)
     if sine > 0.0:
-        scale = atan2(sine, sum(axis) / sqrt(3.0)) / sine
+        tilt = atan2(sine, sum(axis) / sqrt(3.0))
+        scale = tilt / sine
     else:
         scale = 0.0
     return Place(scale * x, scale * y, phi)

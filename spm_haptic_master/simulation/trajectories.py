@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from math import acos, atan2, cos, hypot, pi, radians, sin, sqrt
+from typing import NamedTuple
 
 from spm_haptic_master.kinematics import inverse, track_mode, workspace_pose, zxz_from_matrix
 
@@ -39,14 +40,39 @@ TOUR_PERIODS = 13.0, 19.0, 16.0
 
 # Middle of the perturbed self-rotation (rad): the singularity, rounded as in the paper.
 PERTURBED_PHI = radians(50.0)
-# Amplitude (rad) and period (s) of each perturbation; the periods' ratios are not whole.
-PERTURBATIONS = ((radians(4.0), 3.7), (radians(2.0), 1.9), (radians(1.0), 0.83))
 
-# Waves of a hand's tilt in two directions and of its turn: size (unit 1), period (s), phase (rad).
-HAND_WAVES = (
-    ((0.6, 3.7, 0.0), (0.4, 8.3, 1.0)),
-    ((0.6, 4.9, 2.0), (0.4, 6.1, 0.0)),
-    ((0.7, 7.3, 0.0), (0.3, 2.9, 0.5)),
+
+class Wave(NamedTuple):
+    """A sine of the time: its size, rad or unit 1, its period, s, and its phase, rad."""
+
+    size: float
+    period: float
+    phase: float = 0.0
+
+    def at(self, t: float) -> float:
+        """Return its value at a time, s."""
+        return self.size * sin(2.0 * pi * t / self.period + self.phase)
+
+
+# Perturbations of it, rad; the periods' ratios are not whole.
+PERTURBATIONS = (
+    Wave(size=radians(4.0), period=3.7),
+    Wave(size=radians(2.0), period=1.9),
+    Wave(size=radians(1.0), period=0.83),
+)
+
+# Waves of a hand's tilt in two directions and of its turn, unit 1.
+HAND_X = (
+    Wave(size=0.6, period=3.7),
+    Wave(size=0.4, period=8.3, phase=1.0),
+)
+HAND_Y = (
+    Wave(size=0.6, period=4.9, phase=2.0),
+    Wave(size=0.4, period=6.1),
+)
+HAND_TURN = (
+    Wave(size=0.7, period=7.3),
+    Wave(size=0.3, period=2.9, phase=0.5),
 )
 # Largest tilt of that motion, middle and amplitude of its self-rotation (rad).
 HAND_TILT = radians(18.0)
@@ -62,8 +88,16 @@ ARM_POSES = 61
 
 # The directions of tilt at azimuth 0 and 90 deg, across the centre axis (1, 1, 1).
 ACROSS = (
-    (1.0 / sqrt(2.0), -1.0 / sqrt(2.0), 0.0),
-    (1.0 / sqrt(6.0), 1.0 / sqrt(6.0), -2.0 / sqrt(6.0)),
+    (
+        1.0 / sqrt(2.0),
+        -1.0 / sqrt(2.0),
+        0.0,
+    ),
+    (
+        1.0 / sqrt(6.0),
+        1.0 / sqrt(6.0),
+        -2.0 / sqrt(6.0),
+    ),
 )
 
 
@@ -82,15 +116,14 @@ def fig9(t: float) -> tuple[float, float, float]:
         psi, theta, phi, rad.
 
     """
-    return CENTRE_PSI, CENTRE_THETA, radians(45.0 + 10.0 * sin(pi * t / 10.0))
+    phi_deg = 45.0 + 10.0 * sin(pi * t / 10.0)
+    return CENTRE_PSI, CENTRE_THETA, radians(phi_deg)
 
 
 def perturbed(t: float) -> tuple[float, float, float]:
     """Return the pose of the paper's section 5: the self-rotation perturbed around 50 deg."""
-    phi = PERTURBED_PHI + sum(
-        amplitude * sin(2.0 * pi * t / period) for amplitude, period in PERTURBATIONS
-    )
-    return CENTRE_PSI, CENTRE_THETA, phi
+    perturbation = sum(wave.at(t) for wave in PERTURBATIONS)
+    return CENTRE_PSI, CENTRE_THETA, PERTURBED_PHI + perturbation
 
 
 def sweep(tilt_max: float) -> Trajectory:
@@ -111,11 +144,9 @@ def sweep(tilt_max: float) -> Trajectory:
 
     def at(t: float) -> tuple[float, float, float]:
         tilt, azimuth, turn = (2.0 * pi * t / period for period in SWEEP_PERIODS)
-        return tilted(
-            tilt_max * 0.5 * (1.0 - cos(tilt)),
-            azimuth,
-            SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(turn),
-        )
+        share = 0.5 * (1.0 - cos(tilt))
+        phi = SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(turn)
+        return tilted(tilt_max * share, azimuth, phi)
 
     return at
 
@@ -123,26 +154,27 @@ def sweep(tilt_max: float) -> Trajectory:
 def tour(t: float) -> tuple[float, float, float]:
     """Return a slow tilt-and-turn motion that begins clear of the singularity and crosses it."""
     tilt, azimuth, turn = (2.0 * pi * t / period for period in TOUR_PERIODS)
-    return tilted(
-        TOUR_TILT * 0.5 * (1.0 - cos(tilt)), azimuth, TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(turn)
-    )
+    share = 0.5 * (1.0 - cos(tilt))
+    phi = TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(turn)
+    return tilted(TOUR_TILT * share, azimuth, phi)
 
 
 def hand(t: float) -> tuple[float, float, float]:
     """Return the pose of a hand that moves the handle through the whole workspace."""
-    x, y, turn = (
-        sum(size * sin(2.0 * pi * t / period + phase) for size, period, phase in waves)
-        for waves in HAND_WAVES
-    )
+    x = sum(wave.at(t) for wave in HAND_X)
+    y = sum(wave.at(t) for wave in HAND_Y)
+    turn = sum(wave.at(t) for wave in HAND_TURN)
+    tilt = HAND_TILT * hypot(x, y) / sqrt(2.0)
     phi = HAND_PHI + HAND_PHI_AMPLITUDE * turn
-    return tilted(HAND_TILT * hypot(x, y) / sqrt(2.0), atan2(y, x), phi)
+    return tilted(tilt, atan2(y, x), phi)
 
 
 def arms(t: float) -> tuple[float, float, float]:
     """Return the pose of a hand that swings arm A, then B, then C; the other motors rest."""
     number, elapsed = divmod(t, ARM_TIME)
     poses = _arm_poses()[int(number) % 3]
-    place = 0.5 * (1.0 - cos(2.0 * pi * elapsed / ARM_TIME)) * (ARM_POSES - 1)
+    share = 0.5 * (1.0 - cos(2.0 * pi * elapsed / ARM_TIME))
+    place = share * (ARM_POSES - 1)
     before = min(int(place), ARM_POSES - 2)
     part = place - before
     psi, theta, phi = (
@@ -195,8 +227,9 @@ def tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float
 
     """
     along = cos(tilt) / sqrt(3.0)
-    x, y, z = (
-        along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
-        for a, b in zip(*ACROSS, strict=True)
-    )
+    axis = []
+    for first, second in zip(*ACROSS, strict=True):
+        across = cos(azimuth) * first + sin(azimuth) * second
+        axis.append(along + sin(tilt) * across)
+    x, y, z = axis
     return atan2(x, -y), acos(z), phi

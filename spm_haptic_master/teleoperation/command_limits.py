@@ -61,7 +61,10 @@ class LimitedRotation:
     """
 
     def __init__(
-        self, limits: CommandLimits, rotation: FloatQuaternion, cone: TiltCone | None = None
+        self,
+        limits: CommandLimits,
+        rotation: FloatQuaternion,
+        cone: TiltCone | None = None,
     ) -> None:
         self._limits = limits
         self._cone = cone

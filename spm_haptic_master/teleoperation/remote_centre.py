@@ -110,7 +110,10 @@ def distance_from_shaft(point: FloatVector, slave: Pose, shaft: FloatVector) -> 
 
 
 def obstacle(
-    settings: RemoteCentreSettings, trocar: FloatVector, slave: Pose, known: Pivot | None
+    settings: RemoteCentreSettings,
+    trocar: FloatVector,
+    slave: Pose,
+    known: Pivot | None,
 ) -> str:
     """
     Return why a slave cannot pivot about a trocar from its measured pose; empty if it can.

@@ -30,7 +30,11 @@ SCALE = 1.0 / solids.SIZE
 # Distance of two arms from each other (units of the scene): their bases are 2 wide.
 ARM_DISTANCE = 2.6
 # Axes of the platform's frame, as `cylinder` has them, and the colours of x, y, z.
-AXIS = 0.012, 0.0, 0.42
+AXIS = solids.Cylinder(
+    radius=0.012,
+    low=0.0,
+    high=0.42,
+)
 AXIS_COLOURS = ['#cc0000', '#00cc00', '#0000cc']
 # Cone of the protection level: corners, opacity; magnification, widest half angle (rad).
 LEVEL_CORNERS = 36

@@ -64,7 +64,7 @@ def producing(rig, monkeypatch):
         made = Mock(return_value=producer)
         monkeypatch.setattr(can_source, 'SyncProducer', made)
         driver = rig(*buses, can__sync='produce', **overrides)
-        producer.made_with = made.call_args.args[1:]
+        producer.made_with = made.call_args.kwargs
         return driver, producer
 
     return make

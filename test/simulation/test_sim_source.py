@@ -79,12 +79,13 @@ def test_the_harmonics_of_the_rig_are_corrected_as_the_file_says():
 )
 def test_the_bus_is_a_source_with_or_without_sync_from_here(monkeypatch, given, text, produce):
     made = []
-    monkeypatch.setattr(source_factory, 'CanSource', lambda *args: made.append(args))
+    monkeypatch.setattr(source_factory, 'CanSource', lambda **given: made.append(given))
     checked = values('can', rate=100.0, can__timeout=0.02, **given)
     make_source('can', checked)
-    ((interface, channel, _, _, timeout, period, _),) = made
-    assert source_text('can', checked) == text and text.endswith(channel) and interface
-    assert (timeout, period) == (0.02, produce)
+    (source,) = made
+    assert source_text('can', checked) == text and text.endswith(source['channel'])
+    assert source['interface']
+    assert (source['timeout'], source['produce']) == (0.02, produce)
     for change, words in (
         ({'can__timeout': 0.019}, 'at least two periods, 0.02 s at 100 Hz'),
         ({'can__sync': 'produce', 'encoders__sync_id': 0}, 'consume where'),
