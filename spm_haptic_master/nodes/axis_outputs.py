@@ -49,21 +49,22 @@ class AxisOutputs:
         crtk_rate: float,
     ) -> None:
         self._axes = axes
-        self._outs = {
-            axis.name: node.create_publisher(JointState, f'{axis.name}/measured_js', SAMPLES)
-            for axis in axes
-        }
-        self._messages = {axis.name: JointState(name=[axis.name]) for axis in axes}
-        self._statuses = {
-            axis.name: StatusPublisher(
+        self._outs = {}
+        self._messages = {}
+        self._statuses = {}
+        for axis in axes:
+            topic = f'{axis.name}/measured_js'
+            self._outs[axis.name] = node.create_publisher(JointState, topic, SAMPLES)
+            self._messages[axis.name] = JointState(name=[axis.name])
+            self._statuses[axis.name] = StatusPublisher(
                 node=node,
                 aspect=axis.name,
                 hardware_id=source_text,
             )
-            for axis in axes
-        }
         # Time between two messages of the gripper, and stamp of its latest, ns.
-        self._gripper_period = round(SECOND / crtk_rate) if crtk_rate else 0
+        self._gripper_period = 0
+        if crtk_rate:
+            self._gripper_period = round(SECOND / crtk_rate)
         self._gripper_at = 0
         self._began = time.monotonic()
 
@@ -101,19 +102,30 @@ class AxisOutputs:
         """
         starting = time.monotonic() - self._began < START_GRACE
         for axis in self._axes:
-            if starting and axis.latest is None:
-                fault = None
-            else:
+            fault = None
+            if not starting or axis.latest is not None:
                 fault = axis.fault(now)
-            level, text = (OK, PUBLISHING) if fault is None else (ERROR, fault)
+            level = OK
+            text = PUBLISHING
+            if fault is not None:
+                level = ERROR
+                text = fault
             status = self._statuses[axis.name]
-            if not status.is_due(level, text):
-                continue
-            latest = axis.latest
-            values: dict[str, object] = {
-                'position': 'none yet' if latest is None else latest[1],
-                'age (ms)': 'never read' if latest is None else 1e3 * (now - latest[0]),
-                'frame rate (Hz)': axis.encoder.frames.rate(),
-                **{f'rejected: {reason}': count for reason, count in axis.encoder.rejects.items()},
-            }
-            status.publish(level, text, values)
+            if status.is_due(level, text):
+                status.publish(level, text, _figures(axis, now))
+
+
+def _figures(axis: SingleAxis, now: float) -> dict[str, object]:
+    """Return the values of an axis's entry on /diagnostics at a time, s."""
+    figures: dict[str, object] = {
+        'position': 'none yet',
+        'age (ms)': 'never read',
+        'frame rate (Hz)': axis.encoder.frames.rate(),
+    }
+    if axis.latest is not None:
+        read_at, position = axis.latest
+        figures['position'] = position
+        figures['age (ms)'] = 1e3 * (now - read_at)
+    for reason, count in axis.encoder.rejects.items():
+        figures[f'rejected: {reason}'] = count
+    return figures

@@ -85,7 +85,8 @@ class Console:
             *self._timing(),
         ]
         # A control character would move the cursor.
-        return ''.join(each if each.isprintable() else '?' for each in ', '.join(entries))
+        text = ', '.join(entries)
+        return ''.join(character if character.isprintable() else '?' for character in text)
 
     def _states(self) -> list[str]:
         """Return the states of orientation, encoders and force, and what they warn of."""

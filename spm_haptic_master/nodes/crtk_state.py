@@ -55,10 +55,9 @@ class CrtkState:
     def __init__(self, node: Node, frame_id: str) -> None:
         self._node = node
         self._state = OperatingState()
-        self._lines = {
-            level: node.create_publisher(String, level, EVENTS)
-            for level in ('error', 'warning', 'status')
-        }
+        self._lines = {}
+        for level in ('error', 'warning', 'status'):
+            self._lines[level] = node.create_publisher(String, level, EVENTS)
         self._text_out = node.create_publisher(String, 'operating_state_text', STATE)
         self._enabled_out = node.create_publisher(UInt64, 'enabled_at', STATE)
         # State, enabling and whether it is homed, as published last.
@@ -120,7 +119,10 @@ class CrtkState:
         """
         accepted, events = self._state.command(text, time.time_ns())
         self._publish(events)
-        return accepted, self.name if accepted else events[-1][1]
+        if accepted:
+            return True, self.name
+        _, refusal = events[-1]
+        return False, refusal
 
     def warn(self, text: str) -> None:
         """
@@ -140,8 +142,9 @@ class CrtkState:
         publishers = [self._text_out, self._enabled_out, self._lines['error']]
         if self._message is not None:
             publishers.append(self._out)
+        longest = Duration(seconds=ACKNOWLEDGE_TIMEOUT)
         for publisher in publishers:
-            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+            publisher.wait_for_all_acked(longest)
         if self._commands is not None:
             self._commands.close()
 

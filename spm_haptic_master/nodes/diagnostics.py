@@ -70,7 +70,8 @@ class Levels:
     """
 
     def __init__(self, values: Values) -> None:
-        self.level = self._of_three = OK
+        self.level = OK
+        self._of_three = OK
         self.use(values)
 
     def use(self, values: Values) -> None:
@@ -123,9 +124,15 @@ class Levels:
 
     def _next(self, eta: float, before: bytes) -> bytes:
         """Return the level at a dexterity, by the level before: it is left above its threshold."""
-        if eta < self._error * (self._leave if before == ERROR else 1.0):
+        error = self._error
+        if before == ERROR:
+            error *= self._leave
+        if eta < error:
             return ERROR
-        if eta < self._warn * (1.0 if before == OK else self._leave):
+        warn = self._warn
+        if before != OK:
+            warn *= self._leave
+        if eta < warn:
             return WARN
         return OK
 

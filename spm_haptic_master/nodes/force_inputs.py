@@ -201,8 +201,10 @@ class ForceInputs:
         self._faulty: Wrench | None = None
         self._warned = False
         self._look = Periodic(RIVALS_PERIOD)
-        self._unknown = self._unheard = ''
-        self.stale = self.refused = 0
+        self._unknown = ''
+        self._unheard = ''
+        self.stale = 0
+        self.refused = 0
         self.sources = WrenchSources(node)
         self._inputs = Inputs(node)
         self.modes = ClientModes(node, values, self._inputs, orientation, self._drop_wrench)
@@ -266,7 +268,10 @@ class ForceInputs:
     def _on_body(self, message: WrenchStamped) -> None:
         """Take a wrench on `body/servo_cf`, in the handle's frame or that of `orientation`."""
         is_absolute = self.modes.is_body_absolute.value
-        self._take_wrench(message, self._frames.spatial if is_absolute else self._frames.body)
+        frame = self._frames.body
+        if is_absolute:
+            frame = self._frames.spatial
+        self._take_wrench(message, frame)
 
     def _refuse(self, name: str) -> None:
         """Count a wrench in an unknown frame, and name that frame once."""
@@ -274,9 +279,8 @@ class ForceInputs:
         if self._unknown:
             return
         known = ', '.join(sorted(filter(None, self._frames.by_name)))
-        self._unknown = (
-            f'wrench on {self.sources.topics[0]} in frame {name!r}; expected {known} or none'
-        )
+        topic = self.sources.topics[0]
+        self._unknown = f'wrench on {topic} in frame {name!r}; expected {known} or none'
         node_log.error(self._node, self._unknown)
 
     def _take_wrench(self, message: WrenchStamped, frame: WrenchFrame) -> None:

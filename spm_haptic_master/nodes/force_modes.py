@@ -73,7 +73,10 @@ class Mode(Generic[Value]):
 
     def end_without_publisher(self) -> None:
         """Return to the default if nobody is left that may have set the value."""
-        if self.value == self._default or self._owners & self._publishers():
+        if self.value == self._default:
+            return
+        if self._owners & self._publishers():
+            return
             return
         self.end()
         node_log.warning(self._node, f'{self._topic} has lost its publisher: its mode ends')

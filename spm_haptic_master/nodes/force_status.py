@@ -16,7 +16,10 @@ from spm_haptic_master.nodes.force_inputs import ForceInputs
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, WARN
 
 # Levels of the states; the others are OK.
-LEVELS = {Condition.FADING: WARN, Condition.FAULT: ERROR}
+LEVELS = {
+    Condition.FADING: WARN,
+    Condition.FAULT: ERROR,
+}
 
 
 class ForceStatus:
@@ -72,8 +75,9 @@ class ForceStatus:
             summary = f'{summary}; {caution}'
         if not self._status.is_due(level, summary):
             return
-        is_drive = output.state.why is Reason.DRIVE and fault
-        logged = f'{output.state.text}; {fault}' if is_drive else output.state.text
+        logged = output.state.text
+        if output.state.why is Reason.DRIVE and fault:
+            logged = f'{logged}; {fault}'
         figures = self._figures(output, quaternion)
         figures |= _figures_of_drives(report)
         self._status.publish(level, summary, figures, logged=(own_level, logged))
@@ -84,19 +88,24 @@ class ForceStatus:
         quaternion: Quaternion[float] | None,
     ) -> dict[str, object]:
         """Return keys and values of the entry."""
-        if quaternion is None:
-            weakness = None
-        else:
-            weakness = self._controller.weakness(quaternion)
-        age = self._inputs.age()
+        weakness: float | str = 'none'
+        if quaternion is not None:
+            found = self._controller.weakness(quaternion)
+            if found is not None:
+                weakness = found
+        age: float | str = 'none'
+        wrench_age = self._inputs.age()
+        if wrench_age is not None:
+            age = wrench_age
+        torques = [f'{torque:.3f}' for torque in output.motor_torque]
         return {
             'torque asked of the handle (N m)': hypot(*output.asked),
             'rendered fraction': _fraction(output),
-            'motor torque (N m)': ' '.join(f'{torque:.3f}' for torque in output.motor_torque),
-            '1 / s_3': 'none' if weakness is None else weakness,
+            'motor torque (N m)': ' '.join(torques),
+            '1 / s_3': weakness,
             'energy (mJ)': 1e3 * output.energy,
             'share of the wrench left by the energy': output.share,
-            'age of the wrench (s)': 'none' if age is None else age,
+            'age of the wrench (s)': age,
             'wrenches too old': self._inputs.stale,
             'wrenches in an unknown frame': self._inputs.refused,
             'sources of wrenches': self._inputs.sources.count,

@@ -87,17 +87,23 @@ class Follower(NamedTuple):
             A topic is given without the slave's namespace.
 
         """
-        for name, given in (('slave_pose', self.pose), ('slave_torque', self.torque)):
-            if given and not self.slave:
-                raise InputError(
-                    f'{argument_prefix}{name}:={given}; expected '
-                    f'{argument_prefix}slave, too: without one the slave is simulated'
-                )
+        self._check_slave(f'{argument_prefix}slave_pose', self.pose, argument_prefix)
+        self._check_slave(f'{argument_prefix}slave_torque', self.torque, argument_prefix)
+
+    def _check_slave(self, name: str, given: str, argument_prefix: str) -> None:
+        """Raise InputError where a topic of the slave is given without the slave."""
+        if given and not self.slave:
+            raise InputError(
+                f'{name}:={given}; expected '
+                f'{argument_prefix}slave, too: without one the slave is simulated'
+            )
 
     def parameters(self) -> list[str]:
         """Return the parameters NAME:=VALUE of `teleop`."""
         given = self.presence_timeout
-        return [f'{settings.PRESENCE_TIMEOUT}:={given}'] if given else []
+        if not given:
+            return []
+        return [f'{settings.PRESENCE_TIMEOUT}:={given}']
 
     def remaps(self) -> list[tuple[str, str]]:
         """
@@ -113,7 +119,8 @@ class Follower(NamedTuple):
         names = {'presence': self.presence, 'clutch': self.clutch}
         if slave:
             names['servo_cp'] = f'{slave}/servo_cp'
-            names.update({f'slave/{topic}': f'{slave}/{topic}' for topic in SLAVE_TOPICS})
+            for topic in SLAVE_TOPICS:
+                names[f'slave/{topic}'] = f'{slave}/{topic}'
         names['slave/measured_cp'] = self.pose or names.get('slave/measured_cp', '')
         names['slave/measured_cf'] = self.torque or names.get('slave/measured_cf', '')
         return [(topic, name) for topic, name in names.items() if name]
@@ -162,7 +169,9 @@ def plan(
     """
     paths = _files(config, calibration, argument_prefix)
     own = _namespace(namespace)
-    source_words = [f'{settings.SOURCE_SETTING.name}:={source}'] if source else []
+    source_words = []
+    if source:
+        source_words.append(f'{settings.SOURCE_SETTING.name}:={source}')
     given_words = list(source_words)
     nodes: tuple[str, ...] = PIPELINE
     if follower is not None:
@@ -190,7 +199,8 @@ def plan(
     for executable, of_process in by_process.items():
         arguments = _file_words(paths, own, of_process)
         arguments += _words(source_words, follower, of_process)
-        arguments += frames if 'fkm' in of_process else []
+        if 'fkm' in of_process:
+            arguments += frames
         processes.append(Process(executable, tuple(arguments)))
     if follower is not None and not follower.slave:
         processes.append(Process('sim_slave', ()))
@@ -201,8 +211,10 @@ def _check_values(given: Parameters, nodes: Sequence[str]) -> None:
     """Raise InputError for values with which a node would end at its start, alone or beside."""
     checked = {node: _checked(node, given.of(node)) for node in nodes}
     resolver.check_agreement(checked)
-    if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
-        check_shared_bus(checked['fkm'], checked['encoder_driver'])
+    fkm = checked['fkm']
+    driver = checked['encoder_driver']
+    if fkm['force.enabled'] and 'can.channel' in driver:
+        check_shared_bus(fkm, driver)
 
 
 def _file_words(paths: Sequence[str], namespace: Sequence[str], nodes: Sequence[str]) -> list[str]:
@@ -250,9 +262,11 @@ def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
 
 def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
     """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
+    if not prefix:
+        return []
     words = []
     for setting in FKM_SETTINGS:
-        if prefix and setting.name in ARM_FRAMES and setting.name not in values:
+        if setting.name in ARM_FRAMES and setting.name not in values:
             words += ['-p', f'{setting.name}:={prefix}{setting.default}']
     return words
 
@@ -279,10 +293,9 @@ def rviz_config(template: str, namespace: str) -> str:
 
 def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str]) -> list[str]:
     """Return the arguments of a process beside its files: parameters, and topics of `teleop`."""
+    words: list[str] = []
     if source and PIPELINE[0] in names:
-        words = ['-p', *source]
-    else:
-        words = []
+        words += ['-p', *source]
     if follower is None or FOLLOWER not in names:
         return words
     if len(names) > 1:
@@ -309,7 +322,9 @@ def source_to_show(source: str, config: str, calibration: str) -> str:
         The source; empty: that of the files.
 
     """
-    return source or ('' if config or calibration else 'sim')
+    if source or config or calibration:
+        return source
+    return 'sim'
 
 
 def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
@@ -337,7 +352,8 @@ def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
         arguments=(),
         remaps=_namespace(namespace),
     ).of('fkm')
-    return geometry_from(resolver.resolve(given, GEOMETRY_SETTINGS)[1])
+    _, values = resolver.resolve(given, GEOMETRY_SETTINGS)
+    return geometry_from(values)
 
 
 def check_arguments(command_line: Sequence[str], file: str, names: Collection[str]) -> None:
@@ -363,9 +379,10 @@ def check_arguments(command_line: Sequence[str], file: str, names: Collection[st
     path = Path(file)
     for word in _behind_file(command_line, path):
         name, given, _ = word.partition(':=')
-        if given and name not in (*names, *OPTIONS):
-            near = ', '.join(get_close_matches(name, names, n=1) or sorted(names))
-            raise InputError(f'{word}; expected an argument of {path.name}, such as {near}')
+        if not given or name in names or name in OPTIONS:
+            continue
+        near = get_close_matches(name, names, n=1) or sorted(names)
+        raise InputError(f'{word}; expected an argument of {path.name}, such as {", ".join(near)}')
 
 
 def _behind_file(command_line: Sequence[str], path: Path) -> Sequence[str]:
@@ -381,8 +398,9 @@ def _behind_file(command_line: Sequence[str], path: Path) -> Sequence[str]:
 
     """
     for number, (before, word) in enumerate(pairwise(command_line), 1):
-        is_same = before == PACKAGE or Path(word).resolve() == path.resolve()
-        if Path(word).name == path.name and is_same:
+        given = Path(word)
+        is_same = before == PACKAGE or given.resolve() == path.resolve()
+        if given.name == path.name and is_same:
             return command_line[number:]
     return ()
 
@@ -404,27 +422,33 @@ def check_installed(package: str, cure: str) -> None:
         No installation of it is found.
 
     """
-    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-    if not any(os.access(Path(prefix, 'lib', package, package), os.X_OK) for prefix in prefixes):
-        raise InputError(f'{package} is not installed; {cure}')
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    for prefix in filter(None, prefixes):
+        executable = Path(prefix, 'lib', package, package)
+        if os.access(executable, os.X_OK):
+            return
+    raise InputError(f'{package} is not installed; {cure}')
 
 
 def _namespace(namespace: str) -> list[str]:
     """Return the remapping to a namespace; nothing for none."""
-    if namespace.strip('/'):
-        return [f'__ns:=/{namespace.strip("/")}']
-    return []
+    name = namespace.strip('/')
+    if not name:
+        return []
+    return [f'__ns:=/{name}']
 
 
 def _files(config: str, calibration: str, argument_prefix: str = '') -> list[str]:
     """Return the absolute paths of the given parameter files; InputError where one is missing."""
     found = []
     for name, given in (('config', config), ('calibration', calibration)):
+        if not given:
+            continue
         path = Path(os.path.expanduser(given)).absolute()
-        if given and not path.is_file():
+        if not path.is_file():
             kind = 'it is a directory' if path.is_dir() else 'it does not exist'
             raise InputError(
                 f'{argument_prefix}{name}:={given}; expected an existing file ({path}: {kind})'
             )
-        found += [str(path)] if given else []
+        found.append(str(path))
     return found

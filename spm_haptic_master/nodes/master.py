@@ -18,7 +18,10 @@ from spm_haptic_master.parameters.resolver import check_agreement
 from spm_haptic_master.ros import runner
 
 # What a second master must not publish: it would silence the first.
-OWNED = {'fkm': 'orientation', 'encoder_driver': 'measured_js'}
+OWNED = {
+    'fkm': 'orientation',
+    'encoder_driver': 'measured_js',
+}
 
 
 def compose(done: Future, add: runner.AddNode) -> None:
@@ -42,24 +45,30 @@ def compose(done: Future, add: runner.AddNode) -> None:
     fkm = add(Fkm)
     runs_teleop = fkm.declare(MASTER_SETTINGS)['teleop.run']
     # In the order in which they get an orientation: the command of a slave goes out first.
-    followers: list[Teleop | Diagnostics] = [add(Teleop)] if runs_teleop else []
+    followers: list[Teleop | Diagnostics] = []
+    if runs_teleop:
+        followers.append(add(Teleop))
     diagnostics = add(Diagnostics)
     followers.append(diagnostics)
     # The driver is made last, because it is destroyed first.
     driver = add(EncoderDriver, done)
-    check_agreement({node.get_name(): node.values for node in (driver, fkm, *followers)})
+    nodes = (driver, fkm, *followers)
+    check_agreement({node.get_name(): node.values for node in nodes})
     if fkm.force_state is not None and driver.source_name == 'can':
         check_shared_bus(fkm.values, driver.values)
     if _is_one_topic('measured_js', driver, fkm):
         driver.listener = fkm.take
     fkm.driver_overload = lambda: driver.overload.words
-    fkm.followers = [each.take for each in followers if _is_one_topic('orientation', fkm, each)]
+    for follower in followers:
+        if _is_one_topic('orientation', fkm, follower):
+            fkm.followers.append(follower.take)
     Console(driver, fkm, diagnostics).start()
 
 
 def _is_one_topic(topic: str, publisher: Node, subscriber: Fkm | Diagnostics | Teleop) -> bool:
     """Return whether a plain call replaces a topic; subscribe where one of the two remaps it."""
-    if publisher.resolve_topic_name(topic) == subscriber.resolve_topic_name(topic):
+    published = publisher.resolve_topic_name(topic)
+    if published == subscriber.resolve_topic_name(topic):
         return True
     subscriber.subscribe()
     return False

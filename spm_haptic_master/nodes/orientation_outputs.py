@@ -353,7 +353,11 @@ class OrientationOutputs:
             Its axis goes from -1, closed, to 1, open; beyond these it is cut.
 
         """
-        if self._axis >= len(joy.axes) or not isfinite(joy.axes[self._axis]):
+        if self._axis >= len(joy.axes):
             return
-        part = 0.5 * (max(-1.0, min(1.0, joy.axes[self._axis])) + 1.0)
-        self._gripper.position = [self._closed + part * (self._open - self._closed)]
+        deflection = joy.axes[self._axis]
+        if not isfinite(deflection):
+            return
+        share = 0.5 * (max(-1.0, min(1.0, deflection)) + 1.0)
+        angle = self._closed + share * (self._open - self._closed)
+        self._gripper.position = [angle]

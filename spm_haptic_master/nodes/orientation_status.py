@@ -75,7 +75,8 @@ class OrientationStatus:
             working_mode=values['working_mode'],
         )
         # Samples that the watch has taken, and those that were not accepted when it was due.
-        self._taken = self._not_accepted = 0
+        self._taken = 0
+        self._not_accepted = 0
         self._names = ALL_JOINT_NAMES[: values['sensors']]
         self._publisher = diagnostic_status.StatusPublisher(
             node=node,
@@ -127,27 +128,28 @@ class OrientationStatus:
             Protection level of the latest orientation, rad; None before the first.
 
         """
-        level_of_state = severity = LEVELS[state.condition]
-        message = with_remedy(state.why, text)
+        level_of_state = LEVELS[state.condition]
+        with_cure = with_remedy(state.why, text)
+        cautions: dict[str, str] = {}
         if state.publishes:
             cautions = self._supervisor.cautions()
-        else:
-            cautions = {}
-        if state.publishes and self._watch.caution:
-            cautions['calibration'] = f'calibration: {self._watch.caution}'
+            if self._watch.caution:
+                cautions['calibration'] = f'calibration: {self._watch.caution}'
         self.caution = ', '.join(cautions.values())
+        severity = level_of_state
+        message = with_cure
         if cautions and severity == OK:
-            severity, message = WARN, f'{text}; {self.caution}'
+            severity = WARN
+            message = f'{text}; {self.caution}'
         # The figures in a caution grow: its sensors, not its words, decide whether it changed.
         subject = text + ', '.join(cautions)
         if self._publisher.is_due(severity, subject):
-            logged = level_of_state, with_remedy(state.why, text)
             self._publisher.publish(
                 severity,
                 message,
                 self._figures(level),
                 subject,
-                logged,
+                (level_of_state, with_cure),
                 starting=state.condition is Condition.STARTING,
             )
 
@@ -170,8 +172,9 @@ class OrientationStatus:
             **self._constants,
             'sample rate (Hz)': self.received.rate(),
             'samples rejected': self._rejected.total(),
-            **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
+        for reason, count in self._rejected.items():
+            figures[f'rejected: {reason}'] = count
         if self.caution:
             figures[diagnostic_status.CAUTION_KEY] = self.caution
         if self.rejection is not None:
@@ -179,26 +182,32 @@ class OrientationStatus:
         if self._supervisor.parity is not None:
             figures['parity (sigma)'] = self._supervisor.parity
         figures['calibration: samples not accepted'] = self._not_accepted
-        found = self._watch.evaluation
-        if found is not None:
-            figures |= {
-                'calibration: slow parity (deg)': degrees(found.slow),
-                'calibration: slow parity expected (deg)': degrees(found.expected),
-                'calibration: figure of merit': found.merit,
-            }
-            for name, slip, visible in zip(
-                self._names, found.slip.tolist(), found.visible.tolist(), strict=True
-            ):
-                if isfinite(visible):
-                    figures[f'{name} drift (deg)'] = degrees(slip)
-                    figures[f'{name} least drift that shows (deg)'] = degrees(visible)
+        figures |= self._figures_of_calibration()
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
-        for name, noise, unchecked in zip(
-            self._names, self._supervisor.joints.noise(), self._supervisor.unchecked(), strict=True
-        ):
-            figures[f'{name} noise (deg)'] = degrees(noise)
-            figures[f'{name} unchecked (s)'] = unchecked
+        noises = self._supervisor.joints.noise()
+        unchecked = self._supervisor.unchecked()
+        for index, name in enumerate(self._names):
+            figures[f'{name} noise (deg)'] = degrees(noises[index])
+            figures[f'{name} unchecked (s)'] = unchecked[index]
+        return figures
+
+    def _figures_of_calibration(self) -> dict[str, object]:
+        """Return what the calibration watch has found; nothing before its first evaluation."""
+        found = self._watch.evaluation
+        if found is None:
+            return {}
+        figures: dict[str, object] = {
+            'calibration: slow parity (deg)': degrees(found.slow),
+            'calibration: slow parity expected (deg)': degrees(found.expected),
+            'calibration: figure of merit': found.merit,
+        }
+        slips = found.slip.tolist()
+        visibles = found.visible.tolist()
+        for name, slip, visible in zip(self._names, slips, visibles, strict=True):
+            if isfinite(visible):
+                figures[f'{name} drift (deg)'] = degrees(slip)
+                figures[f'{name} least drift that shows (deg)'] = degrees(visible)
         return figures
 
 
@@ -245,8 +254,10 @@ class LatencyStatus:
         self.busy = ''
         # Stamp of the latest orientation before the period, ns; its orientations and gaps.
         self._before = self._last
-        self._count = self._missing = 0
-        self._parity_sum = self._parity_squares = 0.0
+        self._count = 0
+        self._missing = 0
+        self._parity_sum = 0.0
+        self._parity_squares = 0.0
 
     def add(self, stamp: int, now: int, parity: float) -> None:
         """
@@ -274,9 +285,6 @@ class LatencyStatus:
 
     def publish(self) -> None:
         """Publish the entry; call it every `diagnostic_status.REPEAT_PERIOD`."""
-        count = self._count
-        last = self._last
-        before = self._before
         self._all_missing += self._missing
         values: dict[str, object] = {
             'orientation rate (Hz)': self.published.rate(),
@@ -285,36 +293,38 @@ class LatencyStatus:
         }
         level = WARN
         text = 'no orientations'
-        if count:
+        percentiles = None
+        if self._count:
             percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0)
-        else:
-            percentiles = None
         if percentiles is not None:
+            half, most, nearly_all, longest = percentiles
+            mean = self._parity_sum / self._count
+            variance = max(0.0, self._parity_squares / self._count - mean * mean)
             values |= {
-                f'latency {name} (us)': value
-                for name, value in zip(('p50', 'p90', 'p99', 'max'), percentiles, strict=True)
-            }
-            mean = self._parity_sum / count
-            values |= {
+                'latency p50 (us)': half,
+                'latency p90 (us)': most,
+                'latency p99 (us)': nearly_all,
+                'latency max (us)': longest,
                 'parity mean (sigma)': mean,
-                'parity deviation (sigma)': sqrt(
-                    max(0.0, self._parity_squares / count - mean * mean)
-                ),
+                'parity deviation (sigma)': sqrt(variance),
             }
-            p99 = percentiles[2]
-            if p99 > self._latency_limit:
-                text = f'{TOO_BUSY}: latency p99 {more_than(p99 / 1e6)}'
-            elif self._missing > self._tolerated:
-                text = self.busy or 'samples missing'
-            # From the stamps: samples that a busy machine held up come in a burst.
-            elif (
-                last is not None
-                and before is not None
-                and last - before < count * self._least_span
-            ):
-                text = 'more samples than expected'
-            else:
+            text = self._complaint(nearly_all)
+            if not text:
                 level = OK
                 text = 'in time'
         self._begin_period()
         self._status.publish(level, text, values)
+
+    def _complaint(self, p99: float) -> str:
+        """Return what was wrong in the period, by its latency, us; empty if nothing was."""
+        if p99 > self._latency_limit:
+            return f'{TOO_BUSY}: latency p99 {more_than(p99 / 1e6)}'
+        if self._missing > self._tolerated:
+            return self.busy or 'samples missing'
+        if self._last is None or self._before is None:
+            return ''
+        # From the stamps: samples that a busy machine held up come in a burst.
+        span = self._last - self._before
+        if span < self._count * self._least_span:
+            return 'more samples than expected'
+        return ''

@@ -43,11 +43,11 @@ class Presence(ParameterNode):
             'presence': values['presence.button'],
             'clutch': values['presence.clutch_button'],
         }
-        self._outs = [
-            (self.create_publisher(Joy, topic, EVENTS), button)
-            for topic, button in buttons.items()
-            if button >= 0
-        ]
+        self._outs = []
+        for topic, button in buttons.items():
+            if button >= 0:
+                out = self.create_publisher(Joy, topic, EVENTS)
+                self._outs.append((out, button))
         # Buttons of the latest message, None without a publisher, and when it came, s, monotonic.
         self._buttons: tuple[int, ...] | None = None
         self._heard_at = 0.0
@@ -81,7 +81,8 @@ class Presence(ParameterNode):
         self._publish()
         level, text = self._condition()
         if self._status.is_due(level, text):
-            self._status.publish(level, text, {'buttons': str(self._buttons or 'none')})
+            pressed = str(self._buttons or 'none')
+            self._status.publish(level, text, {'buttons': pressed})
 
     def _condition(self) -> tuple[bytes, str]:
         """
@@ -97,10 +98,15 @@ class Presence(ParameterNode):
         unheard = self._inputs.unheard()
         if unheard or self._buttons is None:
             return WARN, unheard or 'no joy'
-        last = max(button for _, button in self._outs)
-        if last >= len(self._buttons):
-            return WARN, f'joy has {len(self._buttons)} buttons, expected more than {last}'
-        return OK, 'pressed' if self._is_pressed(self._outs[0][1]) else 'released'
+        buttons = [button for _, button in self._outs]
+        if max(buttons) >= len(self._buttons):
+            return (
+                WARN,
+                f'joy has {len(self._buttons)} buttons, expected more than {max(buttons)}',
+            )
+        if self._is_pressed(buttons[0]):
+            return OK, 'pressed'
+        return OK, 'released'
 
     def _publish(self) -> None:
         """Publish each pedal."""

@@ -53,29 +53,31 @@ class Recorder(ParameterNode):
     def __init__(self, parameters: Parameters, done: Future) -> None:
         super().__init__('recorder', parameters)
         self._done = done
-        self._directory = directory = Path(self.declare(RECORDER_SETTINGS)['directory'])
+        self._directory = Path(self.declare(RECORDER_SETTINGS)['directory'])
         # By their names, in the order of the report. That of the truth is made at its first
         # message: `sim_bus` may write it into the same directory.
-        self._tables = {
-            files.ORIENTATION_NAME: Table(directory / files.ORIENTATION_NAME, QUATERNION_COLUMNS),
-            files.JOINTS_NAME: Table(directory / files.JOINTS_NAME, JOINT_NAMES),
-        }
+        self._tables: dict[str, Table] = {}
+        self._add_table(files.ORIENTATION_NAME, QUATERNION_COLUMNS)
+        self._add_table(files.JOINTS_NAME, JOINT_NAMES)
         # Joints of the first message on measured_js, and messages that lack one of them.
         self._names: tuple[str, ...] = ()
         self._incomplete = 0
         self._rig: str | None = None
-        subscriptions: tuple[tuple[Any, str, Callable[[Any], None], Any], ...] = (
-            (QuaternionStamped, 'orientation', self._take_orientation, SAMPLES),
-            (JointState, 'measured_js', self._take_joints, SAMPLES),
-            *(
-                (JointState, f'{axis}/measured_js', partial(self._take_axis, axis), SAMPLES)
-                for axis in AXES
-            ),
-            (QuaternionStamped, ORIENTATION_TOPIC, self._take_truth, SAMPLES),
-            (String, RIG_TOPIC, self._take_rig, STATE),
-        )
-        for kind, topic, take, qos in subscriptions:
-            self.create_subscription(kind, topic, self._guarded(take), qos)
+        self._record(QuaternionStamped, 'orientation', self._take_orientation, SAMPLES)
+        self._record(JointState, 'measured_js', self._take_joints, SAMPLES)
+        for axis in AXES:
+            take_axis = partial(self._take_axis, axis)
+            self._record(JointState, f'{axis}/measured_js', take_axis, SAMPLES)
+        self._record(QuaternionStamped, ORIENTATION_TOPIC, self._take_truth, SAMPLES)
+        self._record(String, RIG_TOPIC, self._take_rig, STATE)
+
+    def _add_table(self, name: str, columns: Sequence[str]) -> None:
+        """Add the table of a file, which its first row makes."""
+        self._tables[name] = Table(self._directory / name, columns)
+
+    def _record(self, kind: Any, topic: str, take: Callable[[Any], None], qos: Any) -> None:
+        """Subscribe to a topic whose messages are written."""
+        self.create_subscription(kind, topic, self._guarded(take), qos)
 
     def _guarded(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
         """
@@ -122,12 +124,14 @@ class Recorder(ParameterNode):
             for table in reversed(self._tables.values()):
                 stack.callback(self._close, table)
             if self._incomplete:
+                names = ', '.join(self._names or JOINT_NAMES)
                 node_log.warning(
                     self,
-                    f'{self._incomplete} messages on measured_js without one '
-                    f'of {", ".join(self._names or JOINT_NAMES)}: not written',
+                    f'{self._incomplete} messages on measured_js without one of {names}: '
+                    'not written',
                 )
-            if not self._done.done() and not any(table.rows for table in self._tables.values()):
+            has_rows = any(table.rows for table in self._tables.values())
+            if not has_rows and not self._done.done():
                 node_log.warning(
                     self, 'nothing was written: no message came on orientation or measured_js'
                 )
@@ -137,11 +141,9 @@ class Recorder(ParameterNode):
         table.close()
         if table.rows and not self._done.done():
             begin, end = table.span
-            node_log.info(
-                self,
-                f'{table.path}: {table.rows} rows, {(end - begin) / SECOND:.1f} '
-                f's, {table.path.stat().st_size} bytes',
-            )
+            seconds = (end - begin) / SECOND
+            size = table.path.stat().st_size
+            node_log.info(self, f'{table.path}: {table.rows} rows, {seconds:.1f} s, {size} bytes')
 
     def _take_orientation(
         self,
@@ -156,7 +158,7 @@ class Recorder(ParameterNode):
         """Write a true orientation of a simulated source."""
         name = files.GROUND_TRUTH_NAME
         if name not in self._tables:
-            self._tables[name] = Table(self._directory / name, QUATERNION_COLUMNS)
+            self._add_table(name, QUATERNION_COLUMNS)
         self._take_orientation(message, name)
 
     def _take_joints(self, message: JointState) -> None:
@@ -171,8 +173,9 @@ class Recorder(ParameterNode):
             self._incomplete += 1
             return
         if not self._names:
-            self._names = names = tuple(name for name in ALL_JOINT_NAMES if name in angles)
-            self._tables[files.JOINTS_NAME] = Table(self._directory / files.JOINTS_NAME, names)
+            names = tuple(name for name in ALL_JOINT_NAMES if name in angles)
+            self._names = names
+            self._add_table(files.JOINTS_NAME, names)
         self._write(files.JOINTS_NAME, message, [angles[name] for name in names])
 
     def _take_axis(self, axis: str, message: JointState) -> None:
@@ -181,7 +184,7 @@ class Recorder(ParameterNode):
             return
         name = f'{axis}.csv'
         if name not in self._tables:
-            self._tables[name] = Table(self._directory / name, (axis,))
+            self._add_table(name, (axis,))
         self._write(name, message, message.position)
 
     def _take_rig(self, message: String) -> None:

@@ -24,6 +24,21 @@ from spm_haptic_master.ros.client import Client, run
 
 # Messages that wait to be printed.
 DEPTH = 100
+# Groups of commands, the commands of each, and what they take.
+COMMANDS: dict[str, dict[str, tuple[str, ...]]] = {
+    'topic': {
+        'list': (),
+        'echo': ('topic',),
+        'pub': ('topic', 'type', 'values'),
+    },
+    'param': {
+        'get': ('node', 'name'),
+        'set': ('node', 'name', 'value'),
+    },
+    'service': {
+        'call': ('service',),
+    },
+}
 
 
 class Commands(Client):
@@ -58,21 +73,22 @@ class Commands(Client):
         topic = _absolute(given.topic)
         if not self.wait(lambda: self.node.get_publishers_info_by_topic(topic), self.PATIENCE):
             raise InputError(f'{topic}: nobody publishes it (`ros topic list` shows the topics)')
-        (first, *_) = self.node.get_publishers_info_by_topic(topic)
+        first = self.node.get_publishers_info_by_topic(topic)[0]
         offered = first.qos_profile
+        qos = QoSProfile(
+            depth=DEPTH,
+            durability=offered.durability,
+            reliability=offered.reliability,
+        )
         received: deque[Any] = deque(maxlen=DEPTH)
         self.node.create_subscription(
-            _type(first.topic_type),
-            topic,
-            lambda message: received.append(message),
-            QoSProfile(
-                depth=DEPTH, durability=offered.durability, reliability=offered.reliability
-            ),
+            _type(first.topic_type), topic, lambda message: received.append(message), qos
         )
         while True:
             # Not printed in the callback: rclpy logs what a closed pipe raises there.
             self.wait(lambda: received, inf)
-            print('\n'.join([*_lines(received.popleft()), '---']), flush=True)
+            lines = [*_lines(received.popleft()), '---']
+            print('\n'.join(lines), flush=True)
             if given.once:
                 return
 
@@ -92,9 +108,11 @@ class Commands(Client):
 
         """
         kind = _type(given.type)
-        message = _type(given.type)()
-        for name, value in argument_section(f'message:={given.values}').values.items():
-            _set_field(message, name.split('.')[1:], value)
+        message = kind()
+        given_values = argument_section(f'message:={given.values}').values
+        for name, value in given_values.items():
+            _, *path = name.split('.')
+            _set_field(message, path, value)
         out = self.node.create_publisher(kind, _absolute(given.topic), DEPTH)
         while True:
             out.publish(message)
@@ -115,9 +133,9 @@ class Commands(Client):
             The node does not answer, or has no such parameter.
 
         """
-        values = self.ask(
-            f'{_absolute(given.node)}/get_parameters', GetParameters, names=[given.name]
-        ).values
+        service = f'{_absolute(given.node)}/get_parameters'
+        answer = self.ask(service, GetParameters, names=[given.name])
+        values = answer.values
         if not values:
             raise InputError(f"{given.node} has no parameter '{given.name}'")
         print(f'{given.name}: {parameter_value_to_python(values[0])}')
@@ -142,11 +160,10 @@ class Commands(Client):
         if len(values) != 1:
             raise InputError(f'{given.name} is {given.value}; expected a single value or a list')
         ((name, value),) = values.items()
-        (result,) = self.ask(
-            f'{_absolute(given.node)}/set_parameters',
-            SetParameters,
-            parameters=[Parameter(name, value=value).to_parameter_msg()],
-        ).results
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        service = f'{_absolute(given.node)}/set_parameters'
+        answer = self.ask(service, SetParameters, parameters=[parameter])
+        (result,) = answer.results
         if not result.successful:
             raise InputError(result.reason)
         print(f'{name}: {value}')
@@ -167,12 +184,16 @@ class Commands(Client):
 
         """
         service = _absolute(given.service)
-        found = self.wait(
-            lambda: dict(self.node.get_service_names_and_types()).get(service), self.PATIENCE
-        )
+        found = self.wait(lambda: self._kinds_of(service), self.PATIENCE)
         if not found:
             raise InputError(f'{service}: no such service')
-        print('\n'.join(_lines(self.ask(service, _type(found[0])))))
+        answer = self.ask(service, _type(found[0]))
+        print('\n'.join(_lines(answer)))
+
+    def _kinds_of(self, service: str) -> list[str] | None:
+        """Return the types of a service; None where nobody offers it."""
+        offered = dict(self.node.get_service_names_and_types())
+        return offered.get(service)
 
 
 def _absolute(name: str) -> str:
@@ -230,7 +251,9 @@ def _set_field(message: Any, names: list[str], value: object) -> None:
     try:
         message = reduce(getattr, path, message)
         field = getattr(message, last)
-        setattr(message, last, float(value) if isinstance(field, float) else value)  # type: ignore
+        if isinstance(field, float):
+            value = float(value)  # type: ignore[arg-type]
+        setattr(message, last, value)
     except (AttributeError, AssertionError, TypeError, ValueError) as error:
         raise InputError(
             f'{".".join(names)} is {value!r}; expected a field of '
@@ -268,21 +291,23 @@ def _lines(message: Any, indent: str = '') -> Iterator[str]:
             yield f'{indent}{name}:'
             for each in value:
                 is_message = hasattr(each, 'get_fields_and_field_types')
-                first, *more = _lines(each, f'{indent}  ') if is_message else [str(each)]
-                yield from (f'{indent}- {first.strip()}', *more)
+                if is_message:
+                    first, *more = _lines(each, f'{indent}  ')
+                else:
+                    first, *more = [str(each)]
+                yield f'{indent}- {first.strip()}'
+                yield from more
 
 
 def _parser() -> argparse.ArgumentParser:
     """Return the parser of all commands, as `ros2` has them."""
     parser = OneLineParser('ros', description=__doc__)
     groups = parser.add_subparsers(required=True, metavar='topic | param | service')
-    for group, commands in (
-        ('topic', {'list': (), 'echo': ('topic',), 'pub': ('topic', 'type', 'values')}),
-        ('param', {'get': ('node', 'name'), 'set': ('node', 'name', 'value')}),
-        ('service', {'call': ('service',)}),
-    ):
+    for group, commands in COMMANDS.items():
         verbs = groups.add_parser(group).add_subparsers(
-            required=True, dest='verb', metavar=' | '.join(commands)
+            required=True,
+            dest='verb',
+            metavar=' | '.join(commands),
         )
         for verb, names in commands.items():
             command = verbs.add_parser(verb)
@@ -301,8 +326,11 @@ def main(args: list[str] | None = None) -> int:
     """Run a command; an error is one line on stderr and exit code 1."""
 
     def command() -> int:
-        given = _parser().parse_args((sys.argv if args is None else args)[1:])
-        getattr(Commands('ros_command'), f'do_{given.verb}')(given)
+        words = sys.argv if args is None else args
+        given = _parser().parse_args(words[1:])
+        commands = Commands('ros_command')
+        run_command = getattr(commands, f'do_{given.verb}')
+        run_command(given)
         return 0
 
     return run('ros', command)

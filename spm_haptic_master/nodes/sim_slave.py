@@ -153,7 +153,8 @@ class SimSlave(ParameterNode):
         """
         now = time.monotonic()
         # A lag of first order.
-        share = 1.0 - exp(-min(now - self._advanced, LONGEST_STEP) / self._time_constant)
+        elapsed = min(now - self._advanced, LONGEST_STEP)
+        share = 1.0 - exp(-elapsed / self._time_constant)
         self._advanced = now
         self._turn(share)
         self._depth += share * (self._commanded_depth - self._depth)
@@ -172,12 +173,11 @@ class SimSlave(ParameterNode):
             Share 0 .. 1 of the turn from the slave's rotation to the commanded one.
 
         """
-        ahead = rotations.vector_from_quaternion(
-            *rotations.multiply_quaternions(self._commanded, rotations.conjugate(self._rotation))
-        )
-        moved = rotations.multiply_quaternions(
-            rotations.quaternion_from_vector(*scaled(ahead, share)), self._rotation
-        )
+        back = rotations.conjugate(self._rotation)
+        turn = rotations.multiply_quaternions(self._commanded, back)
+        ahead = rotations.vector_from_quaternion(*turn)
+        step = rotations.quaternion_from_vector(*scaled(ahead, share))
+        moved = rotations.multiply_quaternions(step, self._rotation)
         # Without the rounding of the product.
         self._rotation = unit_quaternion(moved) or self._rotation
 
@@ -185,8 +185,8 @@ class SimSlave(ParameterNode):
         """Publish the pose of the tip, and the angle of the jaw."""
         position = ZERO
         if self._trocar is not None:
-            lever = scaled(rotate(self._rotation, SHAFT), self._depth)
-            position = total(self._trocar, lever)
+            direction = rotate(self._rotation, SHAFT)
+            position = total(self._trocar, scaled(direction, self._depth))
         stamp = self.get_clock().now().to_msg()
         pose = self._pose.pose
         pose.position.x, pose.position.y, pose.position.z = position
@@ -210,7 +210,10 @@ class SimSlave(ParameterNode):
         if not self._status.is_due(level, text):
             return
         behind = rotations.rotation_distance(self._rotation, self._commanded)
-        figures = {'commands': self._commands, 'tracking error (deg)': degrees(behind)}
+        figures = {
+            'commands': self._commands,
+            'tracking error (deg)': degrees(behind),
+        }
         if self._trocar is not None:
             figures['depth of the tip (mm)'] = MILLIMETRES * self._depth
             figures['commands refused'] = self._refused

@@ -73,7 +73,8 @@ class SimulationControl:
 
         """
         if self._orientation.get_subscription_count():
-            self._orientation.publish(self._writer.write(stamp, self._source.orientation()))
+            truth = self._source.orientation()
+            self._orientation.publish(self._writer.write(stamp, truth))
 
     def _steer(self, message: Float64MultiArray) -> None:
         """
@@ -106,11 +107,16 @@ class SimulationControl:
             Faults separated by commas; empty: none.
 
         """
-        texts = [text for part in message.data.split(',') if (text := part.strip())]
+        sensors = len(self._source.rig.sensors)
+        faults = []
         try:
-            faults = tuple(parse_switched(text, len(self._source.rig.sensors)) for text in texts)
+            for part in message.data.split(','):
+                text = part.strip()
+                if text:
+                    faults.append(parse_switched(text, sensors))
         except InputError as error:
             node_log.warning(self._node, f'{FAULT_TOPIC}: {error}')
             return
-        self._source.faults = faults
-        self._faults.publish(String(data=', '.join(fault.text for fault in faults)))
+        self._source.faults = tuple(faults)
+        texts = [fault.text for fault in faults]
+        self._faults.publish(String(data=', '.join(texts)))

@@ -65,9 +65,11 @@ class SlaveInputs:
         # Frame of the trocar, None before one came, and whether its position is usable.
         self._trocar_frame: str | None = None
         self._is_trocar_finite = True
-        inputs = self.inputs = Inputs(node)
-        inputs.subscribe(PoseStamped, POSE_TOPIC, lambda pose: take(self._on_pose, pose), EVENTS)
-        inputs.subscribe(
+        self.inputs = Inputs(node)
+        self.inputs.subscribe(
+            PoseStamped, POSE_TOPIC, lambda pose: take(self._on_pose, pose), EVENTS
+        )
+        self.inputs.subscribe(
             PointStamped, TROCAR_TOPIC, lambda point: take(self._on_trocar, point), STATE
         )
         self._subscribe_to_state(node, lambda state: take(self._on_state, state))
@@ -88,12 +90,12 @@ class SlaveInputs:
             return unheard
         if not self._is_trocar_finite:
             return f'{TROCAR_TOPIC} is not finite'
-        if self._trocar_frame and self.frame is not None and self._trocar_frame != self.frame:
-            return (
-                f'{TROCAR_TOPIC} is in frame {self._trocar_frame!r}; '
-                f'expected {self.frame!r} as {POSE_TOPIC}, or none'
-            )
-        return ''
+        if self.frame is None or self._trocar_frame in (None, '', self.frame):
+            return ''
+        return (
+            f'{TROCAR_TOPIC} is in frame {self._trocar_frame!r}; '
+            f'expected {self.frame!r} as {POSE_TOPIC}, or none'
+        )
 
     def _subscribe_to_state(self, node: Node, callback: Callable[[Any], None]) -> None:
         """Subscribe to the operating state, where its messages are installed."""
@@ -166,7 +168,9 @@ class SlaveInputs:
 
     def _on_state(self, message: Any) -> None:
         """Take the operating state: the slave may be followed while it is enabled and homed."""
+        obstacle = ''
         if message.state != ENABLED:
-            self._machine.take_slave_obstacle(f'slave {message.state or "without a state"}')
-        else:
-            self._machine.take_slave_obstacle('' if message.is_homed else 'slave not homed')
+            obstacle = f'slave {message.state or "without a state"}'
+        elif not message.is_homed:
+            obstacle = 'slave not homed'
+        self._machine.take_slave_obstacle(obstacle)

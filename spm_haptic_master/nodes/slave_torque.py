@@ -58,7 +58,9 @@ class SlaveTorque:
         self._out = node.create_publisher(WrenchStamped, MASTER_TOPIC, WRENCHES)
         self._message = WrenchStamped()
         # Torques that went on, that were in another frame, and that the slave marked as invalid.
-        self.count = self.refused = self.invalid = 0
+        self.count = 0
+        self.refused = 0
+        self.invalid = 0
 
     def forward(self, message: WrenchStamped, slave_frame: str | None, slave: Pose) -> None:
         """
@@ -80,7 +82,8 @@ class SlaveTorque:
             return
         if not self._is_in_frame(message.header.frame_id, slave_frame):
             return
-        torque = rotate(self._to_master, self._torque_about_tip(message, slave))
+        about_tip = self._torque_about_tip(message, slave)
+        torque = rotate(self._to_master, about_tip)
         found = self._message.wrench.torque
         found.x, found.y, found.z = scaled(torque, self._scale)
         self._message.header.stamp = stamp

@@ -30,11 +30,23 @@ SECONDS = 2.5
 STATES = ('source', 'operating_state_text')
 # Limits that are shown, by node.
 LIMITS = {
-    'fkm': ('alert_limit_deg', 'unchecked_limit', 'max_age', 'rate'),
-    'teleop': ('teleop.speed_limit', 'teleop.protection_limit_deg', 'teleop.jump_limit_deg'),
+    'fkm': (
+        'alert_limit_deg',
+        'unchecked_limit',
+        'max_age',
+        'rate',
+    ),
+    'teleop': (
+        'teleop.speed_limit',
+        'teleop.protection_limit_deg',
+        'teleop.jump_limit_deg',
+    ),
 }
 # Entries whose nodes have limits, by node.
-OF_NODE = {'fkm': 'fkm: orientation', 'teleop': 'teleop: teleop'}
+OF_NODE = {
+    'fkm': 'fkm: orientation',
+    'teleop': 'teleop: teleop',
+}
 
 
 class Collector(Client):
@@ -80,7 +92,9 @@ class Collector(Client):
         """
         self.wait(lambda: False, seconds)
         if not self._devices:
-            where = f'/{self._namespace}' if self._namespace else 'this ROS_DOMAIN_ID'
+            where = 'this ROS_DOMAIN_ID'
+            if self._namespace:
+                where = f'/{self._namespace}'
             domain = os.environ.get('ROS_DOMAIN_ID') or '0'
             raise InputError(
                 f'nothing reports in {where} (ROS_DOMAIN_ID {domain}): is master running, on this '
@@ -96,23 +110,26 @@ class Collector(Client):
         for status in message.status:
             node, _, aspect = status.name.partition(': ')
             namespace, _, name = node.rpartition('/')
-            if not aspect or (self._namespace and namespace != self._namespace):
+            is_of_other = self._namespace and namespace != self._namespace
+            if not aspect or is_of_other:
                 continue
-            if namespace not in self._devices:
-                self._devices[namespace] = Device(namespace)
-                self._watch_states(self._devices[namespace])
-            values = {entry.key: entry.value for entry in status.values}
-            self._devices[namespace].entries[f'{name}: {aspect}'] = Entry(
-                status.level, status.message, values
+            device = self._devices.get(namespace)
+            if device is None:
+                device = Device(namespace)
+                self._devices[namespace] = device
+                self._watch_states(device)
+            device.entries[f'{name}: {aspect}'] = Entry(
+                level=status.level,
+                message=status.message,
+                values={entry.key: entry.value for entry in status.values},
             )
 
     def _watch_states(self, device: Device) -> None:
         """Subscribe to the latched texts of a device."""
         prefix = f'/{device.namespace}'.rstrip('/')
         for topic in STATES:
-            self.node.create_subscription(
-                String, f'{prefix}/{topic}', partial(self._take_state, device, topic), STATE
-            )
+            take = partial(self._take_state, device, topic)
+            self.node.create_subscription(String, f'{prefix}/{topic}', take, STATE)
 
     def _take_state(self, device: Device, topic: str, message: String) -> None:
         """Store the text of a state topic."""
@@ -151,22 +168,22 @@ class Collector(Client):
         except InputError:
             return None
         values = map(parameter_value_to_python, answer.values)
-        return ', '.join(
-            f'{name} {value:g}'
-            for name, value in zip(names, values, strict=False)
-            if isinstance(value, (int, float))
-        )
+        words = []
+        for name, value in zip(names, values, strict=False):
+            if isinstance(value, (int, float)):
+                words.append(f'{name} {value:g}')
+        return ', '.join(words)
 
 
 def main(args: list[str] | None = None) -> int:
     """Print the screen; return 0 where all is well."""
-    words = (sys.argv if args is None else args)[1:]
-    if '--ros-args' in words:
-        begin = words.index('--ros-args')
-    else:
-        begin = len(words)
-    own = words[:begin]
-    ros_arguments = words[begin:]
+    words = sys.argv if args is None else args
+    own = words[1:]
+    ros_arguments: list[str] = []
+    if '--ros-args' in own:
+        begin = own.index('--ros-args')
+        ros_arguments = own[begin:]
+        own = own[:begin]
 
     def program() -> int:
         parser = OneLineParser('status', description=__doc__)
@@ -176,13 +193,15 @@ def main(args: list[str] | None = None) -> int:
             default=SECONDS,
             help=f'time for which reports are collected ({SECONDS:g})',
         )
-        devices = Collector().devices(parser.parse_args(own).seconds)
+        seconds = parser.parse_args(own).seconds
+        devices = Collector().devices(seconds)
         for device in devices:
             if len(devices) > 1:
                 print(f'/{device.namespace}')
             print('\n'.join(screen(device)))
         cores = os.cpu_count() or 1
-        print(f'      {"load":<15} {os.getloadavg()[0]:.1f} of {cores} cores of this host')
+        load = os.getloadavg()[0]
+        print(f'      {"load":<15} {load:.1f} of {cores} cores of this host')
         if all(device.is_well() for device in devices):
             return 0
         return 1

@@ -92,9 +92,11 @@ def screen(device: Device) -> list[str]:
         entry = device.entries.get(name)
         if entry is None:
             if name in (ORIENTATION, ENCODERS):
-                lines.append(_line(WORDS[ERROR], title, f'no {name.split(":")[0]} answers'))
+                node, _, _ = name.partition(':')
+                lines.append(_line(WORDS[ERROR], title, f'no {node} answers'))
             continue
-        lines.append(_line(WORDS[entry.level], title, entry.message + _position(title, entry)))
+        text = entry.message + _position(title, entry)
+        lines.append(_line(WORDS[entry.level], title, text))
         if name == ENCODERS:
             lines += _encoders(device)
             lines.append(_line(BLANK, 'calibration', _calibration(device)))
@@ -103,7 +105,8 @@ def screen(device: Device) -> list[str]:
             lines += _drives(entry)
     lines += _others(device)
     for topic, text in device.states.items():
-        lines.append(_line(BLANK, topic.removesuffix('_text').replace('_', ' '), text))
+        title = topic.removesuffix('_text').replace('_', ' ')
+        lines.append(_line(BLANK, title, text))
     return lines
 
 
@@ -119,7 +122,8 @@ def _encoders(device: Device) -> list[str]:
         words = []
         for name in (ENCODERS, ORIENTATION):
             entry = device.entries.get(name)
-            words += [] if entry is None else _of_joint(entry.values, joint)
+            if entry is not None:
+                words += _of_joint(entry.values, joint)
         if words:
             lines.append(_line(BLANK, f'  {joint}', ', '.join(words)))
     return lines
@@ -130,7 +134,8 @@ def _position(title: str, entry: Entry) -> str:
     if title not in AXES:
         return ''
     unit = 'm' if title == INSERTION else 'rad'
-    position, age = (entry.values.get(name, NONE) for name in ('position', 'age (ms)'))
+    position = entry.values.get('position', NONE)
+    age = entry.values.get('age (ms)', NONE)
     return f', position {position} {unit}, age (ms) {age}'
 
 
@@ -151,17 +156,20 @@ def _of_joint(values: Mapping[str, str], joint: str) -> list[str]:
         Rest of each key, and the value.
 
     """
-    return [
-        f'{key.removeprefix(joint).strip(" :")} {value}'
-        for key, value in values.items()
-        if key.startswith(joint)
-    ]
+    words = []
+    for key, value in values.items():
+        if key.startswith(joint):
+            name = key.removeprefix(joint).strip(' :')
+            words.append(f'{name} {value}')
+    return words
 
 
 def _calibration(device: Device) -> str:
     """Return name and date of the calibration, the mechanism, and unverified directions."""
     values = device.entries[ENCODERS].values
-    words = [values.get('calibration', NONE), f'mechanism {values.get("mechanism", "unknown")}']
+    name = values.get('calibration', NONE)
+    mechanism = values.get('mechanism', 'unknown')
+    words = [name, f'mechanism {mechanism}']
     unverified = values.get('directions not verified', NONE)
     if unverified != NONE:
         words.append(f'directions not verified: {unverified}')
@@ -172,25 +180,29 @@ def _limits(device: Device) -> list[str]:
     """Return a line of the limits of each node that was asked."""
     lines = []
     for node, text in device.limits.items():
-        unknown = f'unknown: {node} does not answer'
-        lines.append(_line(BLANK, 'limits', f'{node}: {text}' if text else unknown))
+        if text:
+            words = f'{node}: {text}'
+        else:
+            words = f'unknown: {node} does not answer'
+        lines.append(_line(BLANK, 'limits', words))
     return lines
 
 
 def _drives(entry: Entry) -> list[str]:
     """Return a line for each drive that the entry of the force feedback has values of."""
-    return [
-        _line(BLANK, '  drives', f'{key}: {value}')
-        for key, value in entry.values.items()
-        if key.startswith('drive')
-    ]
+    lines = []
+    for key, value in entry.values.items():
+        if key.startswith('drive'):
+            lines.append(_line(BLANK, '  drives', f'{key}: {value}'))
+    return lines
 
 
 def _others(device: Device) -> Sequence[str]:
     """Return the entries of other nodes of the namespace."""
     known = {name for name, _ in LINES}
-    return [
-        _line(WORDS[entry.level], name.split(':')[0], entry.message)
-        for name, entry in sorted(device.entries.items())
-        if name not in known
-    ]
+    lines = []
+    for name, entry in sorted(device.entries.items()):
+        if name not in known:
+            node, _, _ = name.partition(':')
+            lines.append(_line(WORDS[entry.level], node, entry.message))
+    return lines

@@ -36,7 +36,8 @@ def registration_from(values: Values) -> FloatQuaternion:
         Checked settings of `teleop`: ZXZ angles, deg.
 
     """
-    return zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg']))
+    psi, theta, phi = map(radians, values['teleop.registration_zxz_deg'])
+    return zxz_quaternion(psi, theta, phi)
 
 
 def trocar_from(values: Values, name: str = 'teleop.trocar') -> FloatVector | None:
@@ -85,9 +86,9 @@ def command_period(values: Values) -> float:
         the same.
 
     """
-    rate = values['teleop.command_rate']
     sample_rate = values['rate']
-    return float(1.0 / (min(rate, sample_rate) or sample_rate))
+    rate = min(values['teleop.command_rate'], sample_rate)
+    return float(1.0 / (rate or sample_rate))
 
 
 def make_teleoperation(values: Values) -> Teleoperation:
@@ -137,20 +138,22 @@ def _limits(values: Values) -> CommandLimits:
 
 def _conditions(values: Values) -> Conditions:
     """Return when the slave may follow, in SI units; what is set to 'any' is infinite."""
-    tolerance = values['teleop.alignment_tolerance_deg']
-    level = values['teleop.protection_limit_deg']
-    tracking = values['teleop.tracking_limit_deg']
-    is_absolute = values['teleop.alignment'] == 'absolute'
+    align_speed = 0.0
+    if values['teleop.alignment'] == 'absolute':
+        align_speed = values['teleop.align_speed']
+    tolerance = inf
+    if values['teleop.alignment_tolerance_deg'] != ANY_OFFSET:
+        tolerance = radians(values['teleop.alignment_tolerance_deg'])
     return Conditions(
         registration=registration_from(values),
-        align_speed=values['teleop.align_speed'] if is_absolute else 0.0,
-        tolerance=inf if tolerance == ANY_OFFSET else radians(tolerance),
+        align_speed=align_speed,
+        tolerance=tolerance,
         enable_timeout=values['teleop.enable_timeout'],
         orientation_timeout=values['teleop.orientation_timeout'],
         slave_timeout=values['teleop.slave_timeout'],
         presence_timeout=values['teleop.presence_timeout'] or inf,
-        protection_limit=radians(level) if level else inf,
-        tracking_limit=radians(tracking) if tracking else inf,
+        protection_limit=_limit_rad(values['teleop.protection_limit_deg']),
+        tracking_limit=_limit_rad(values['teleop.tracking_limit_deg']),
         tip_tracking_limit=values['teleop.tip_tracking_limit'] or inf,
         command_rate=values['teleop.command_rate'],
         sample_rate=values['rate'],
@@ -159,10 +162,16 @@ def _conditions(values: Values) -> Conditions:
     )
 
 
+def _limit_rad(limit_deg: float) -> float:
+    """Return a limit in rad; inf where it is 0 deg, which means no limit."""
+    if limit_deg:
+        return radians(limit_deg)
+    return inf
+
+
 def _centre(values: Values) -> RemoteCentreSettings:
     """Return how the slave pivots about its trocar; SettingError for a scale or range of none."""
     scale = values['teleop.insertion_scale']
-    tilt = values['teleop.tilt_limit_deg']
     if 0.0 < scale < LEAST_SCALE:
         raise SettingError(
             name='teleop.insertion_scale',
@@ -186,7 +195,7 @@ def _centre(values: Values) -> RemoteCentreSettings:
             slews=values['teleop.limit_action'] == 'slew',
             longest=LONGEST_STEP * command_period(values),
         ),
-        largest_tilt=radians(tilt) if tilt else inf,
+        largest_tilt=_limit_rad(values['teleop.tilt_limit_deg']),
         shaft=_shaft(values),
     )
 

@@ -52,7 +52,8 @@ class CommandOutput:
             zeros=ZEROS,
         )
         self._period = command_period(values)
-        self._commanded_at = self._twisted_at = now
+        self._commanded_at = now
+        self._twisted_at = now
         self.set_frame(values['teleop.frame_id'])
 
     def set_frame(self, frame: str) -> None:
@@ -83,11 +84,14 @@ class CommandOutput:
 
         """
         pose = command.pose
-        self._pose_out.publish(self._write(stamp, pose.position, pose.rotation))
+        message = self._write(stamp, pose.position, pose.rotation)
+        self._pose_out.publish(message)
         if self._twist_out.get_subscription_count():
             passed = max(now - self._twisted_at, self._period)
-            self._publish_twist(stamp, self._fading.follow(command.motion, passed))
-        self._commanded_at = self._twisted_at = now
+            motion = self._fading.follow(command.motion, passed)
+            self._publish_twist(stamp, motion)
+        self._commanded_at = now
+        self._twisted_at = now
 
     def fade(self, stamp: int, now: float, is_engaged: bool) -> None:
         """
