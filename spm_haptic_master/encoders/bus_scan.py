@@ -48,6 +48,12 @@ ENCODER_OBJECTS = (
 COUNTED = (canopen.DEVICE_TYPE, *canopen.IDENTITY)
 # Interface of python-can that returns the frames sent, without a mark.
 ECHOING = 'udp_multicast'
+# Lengths of the frames of a node that are looked into, by their identifier without the node id.
+LENGTHS = {
+    canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
+    canopen.EMCY_BASE: canopen.EMCY_LENGTH,
+    canopen.SDO_ANSWER_BASE: canopen.SDO_LENGTH,
+}
 
 
 @dataclass(slots=True)
@@ -119,10 +125,13 @@ class HeardNode:
     @property
     def devices(self) -> int:
         """Return how many devices have this node id: one answers a request once."""
-        answers = (self.answers[key] // max(1, self.requests[key]) for key in self.answers)
-        if self.answers:
-            return max(1, len(self.serials), *answers)
-        return 1
+        if not self.answers:
+            return 1
+        found = [1, len(self.serials)]
+        for key, answers in self.answers.items():
+            requests = max(1, self.requests[key])
+            found.append(answers // requests)
+        return max(found)
 
     @property
     def heartbeat_period(self) -> float | None:
@@ -135,7 +144,9 @@ class HeardNode:
     def profile(self) -> int | None:
         """Return the number of its CiA device profile, None if it is not known."""
         device = self.objects.get(canopen.DEVICE_TYPE)
-        return None if device is None else device & 0xFFFF
+        if device is None:
+            return None
+        return device & 0xFFFF
 
 
 class BusScan:
@@ -180,9 +191,9 @@ class BusScan:
         layouts: Iterable[EncoderLayout] = (),
     ) -> None:
         self.sync_id = sync_id
-        self.watches = {
-            (layout.extended, layout.can_id): CountsWatch(layout) for layout in layouts
-        }
+        self.watches = {}
+        for layout in layouts:
+            self.watches[layout.extended, layout.can_id] = CountsWatch(layout)
         self.latest = float('-inf')
         self.frames: dict[tuple[bool, int], HeardFrame] = {}
         self.nodes: dict[int, HeardNode] = {}
@@ -210,10 +221,9 @@ class BusScan:
         A busy machine loses SYNCs or reads them late: each time between two counts as the number
         of typical times that it is nearest to, with half of what the one before was longer.
         """
+        typical = 0.0
         if self._sync_intervals:
             typical = median(self._sync_intervals)
-        else:
-            typical = 0.0
         if typical <= 0.0:
             return 0.0
         cycles = 0
@@ -282,18 +292,19 @@ class BusScan:
                 self.cycles += 1
                 if (before := self.master_sync) is not None:
                     self._sync_intervals.append(now - before.last)
-        heard = self.frames.setdefault(
-            (message.is_extended_id, identifier),
-            HeardFrame(
+        key = (message.is_extended_id, identifier)
+        if key not in self.frames:
+            self.frames[key] = HeardFrame(
                 first=now,
                 last=now,
                 first_cycle=self.cycles,
-            ),
-        )
+            )
+        heard = self.frames[key]
         heard.last = now
         heard.count += 1
         heard.lengths.add(len(message.data))
-        if watch := self.watches.get((message.is_extended_id, identifier)):
+        watch = self.watches.get(key)
+        if watch is not None:
             watch.take(message.data, now)
 
     def _node_frame(self, base: int, node_id: int, message: can.Message) -> None:
@@ -311,11 +322,7 @@ class BusScan:
 
         """
         data = message.data
-        length = {
-            canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
-            canopen.EMCY_BASE: canopen.EMCY_LENGTH,
-            canopen.SDO_ANSWER_BASE: canopen.SDO_LENGTH,
-        }.get(base)
+        length = LENGTHS.get(base)
         if node_id == 0 or len(data) != length:
             return
         node = self.nodes.setdefault(node_id, HeardNode())
@@ -402,10 +409,9 @@ class BusScanner:
             The bus cannot be read; python-can raises one of BUS_ERRORS.
 
         """
+        requests: Iterator[can.Message | None] = iter(())
         if ask:
             requests = self._identity_requests()
-        else:
-            requests = iter(())
         self._progress.is_due(time.monotonic())
         for now, left in self._run(seconds, requests, start):
             if self._progress.is_due(now):
@@ -507,8 +513,11 @@ class BusScanner:
         if self._scan.master_sync is not None:
             self._sync_grid = None
             self._report('another master makes SYNC: none is sent from here any more')
-        elif grid.wait(0.0) and self._send(canopen.frame(self._scan.sync_id or 0)):
-            self._scan.sent_sync(time.monotonic())
+            return
+        if grid.wait(0.0):
+            sync = canopen.frame(self._scan.sync_id or 0)
+            if self._send(sync):
+                self._scan.sent_sync(time.monotonic())
 
     def _start_nodes(self, start: tuple[int, ...] | None, now: float) -> None:
         """
@@ -520,9 +529,10 @@ class BusScanner:
             return
         nodes = self._scan.nodes
         for node_id in {*start, *nodes}:
-            if (
-                node_id not in nodes or nodes[node_id].state != canopen.OPERATIONAL
-            ) and now - self._started_at.get(node_id, float('-inf')) > START_AGAIN:
+            if node_id in nodes and nodes[node_id].state == canopen.OPERATIONAL:
+                continue
+            since_start = now - self._started_at.get(node_id, float('-inf'))
+            if since_start > START_AGAIN:
                 self._started_at[node_id] = now
                 if self._send(canopen.nmt(canopen.NMT_START, node_id)):
                     self._scan.started.add(node_id)

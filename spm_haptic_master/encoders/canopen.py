@@ -24,7 +24,13 @@ HEARTBEAT_BASE = 0x700
 TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
 RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
 # Names of these frames, alone and of (or to) a node; LSS are those of CiA 305, for node ids.
-SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', 0x100: 'TIME', 0x7E4: 'LSS', 0x7E5: 'LSS'}
+SINGLE_FRAMES = {
+    NMT_ID: 'NMT',
+    SYNC_ID: 'SYNC',
+    0x100: 'TIME',
+    0x7E4: 'LSS',
+    0x7E5: 'LSS',
+}
 NODE_FRAMES = {
     EMCY_BASE: 'EMCY of',
     SDO_ANSWER_BASE: 'SDO answer of',
@@ -115,11 +121,24 @@ SCALING_ON = 1 << 2
 # Device profiles of encoders (CiA 406) and drives (CiA 402): the low 16 bits of the device type.
 ENCODER_PROFILE = 406
 DRIVE_PROFILE = 402
-PROFILES = {ENCODER_PROFILE: 'encoder', DRIVE_PROFILE: 'drive'}
+PROFILES = {
+    ENCODER_PROFILE: 'encoder',
+    DRIVE_PROFILE: 'drive',
+}
+# Numbers of devices with one node id, in words.
+DEVICES = {
+    2: 'two',
+    3: 'three',
+    4: 'four',
+    5: 'five',
+    6: 'six',
+}
 
 # Command bytes of an SDO: upload, expedited download of four bytes (with the number of unused
 # bytes in bits 2 and 3) and its answer, abort.
 SDO_UPLOAD_REQUEST = 0x40
+# Answer to an upload, expedited, with the number of unused bytes in bits 2 and 3.
+SDO_UPLOAD_ANSWER = 0x43
 SDO_DOWNLOAD_REQUEST = 0x23
 SDO_DOWNLOAD_ANSWER = 0x60
 SDO_ABORT = 0x80
@@ -205,7 +224,8 @@ def frame_name(identifier: int) -> str | None:
 
     """
     node_id = identifier & NODE_ID_MAXIMUM
-    if (base := identifier - node_id) in NODE_FRAMES and node_id:
+    base = identifier - node_id
+    if node_id and base in NODE_FRAMES:
         return f'{NODE_FRAMES[base]} node {node_id}'
     return SINGLE_FRAMES.get(identifier)
 
@@ -266,10 +286,10 @@ def emcy(node_id: int, code: int, register: int, specific: bytes = b'') -> can.M
         Up to five manufacturer-specific bytes.
 
     """
-    return frame(
-        EMCY_BASE + node_id,
-        code.to_bytes(2, 'little') + bytes((register,)) + specific.ljust(5, b'\0'),
-    )
+    data = code.to_bytes(2, 'little')
+    data += bytes((register,))
+    data += specific.ljust(5, b'\0')
+    return frame(EMCY_BASE + node_id, data)
 
 
 def emcy_code(data: bytes | bytearray) -> int:
@@ -311,15 +331,16 @@ def emcy_words(data: bytes | bytearray, codes: Mapping[int, str] = EMCY_CODES) -
     if code >> 8 == EMCY_ERROR_RESET and data[2]:
         text += ': another error remains'
     specific = bytes(data[3:])
-    return text + (f', specific {specific.hex(" ")}' if any(specific) else '')
+    if any(specific):
+        text += f', specific {specific.hex(" ")}'
+    return text
 
 
 def shared_node_id(node_id: int, devices: int) -> str:
     """Return in words that several devices have one node id, and what to do."""
-    words = {2: 'two', 3: 'three', 4: 'four', 5: 'five', 6: 'six'}
     return (
-        f'{words.get(devices, devices)} devices have node id {node_id}: give each its own, one at '
-        'a time on the bus (switches, LSS or a tool of the maker)'
+        f'{DEVICES.get(devices, devices)} devices have node id {node_id}: give each its own, '
+        'one at a time on the bus (switches, LSS or a tool of the maker)'
     )
 
 
@@ -344,13 +365,11 @@ def sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0
         Value, 32 bits; with SDO_ABORT the abort code.
 
     """
-    return frame(
-        identifier,
-        bytes((command,))
-        + index.to_bytes(2, 'little')
-        + bytes((subindex,))
-        + value.to_bytes(4, 'little'),
-    )
+    data = bytes((command,))
+    data += index.to_bytes(2, 'little')
+    data += bytes((subindex,))
+    data += value.to_bytes(4, 'little')
+    return frame(identifier, data)
 
 
 def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
@@ -375,7 +394,11 @@ def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) ->
 
     """
     return sdo(
-        SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex, value
+        identifier=SDO_REQUEST_BASE + node_id,
+        command=SDO_DOWNLOAD_REQUEST | 4 - size << 2,
+        index=index,
+        subindex=subindex,
+        value=value,
     )
 
 
@@ -395,7 +418,13 @@ def sdo_answer(node_id: int, index: int, subindex: int, value: int, size: int = 
         Size of the object, one to four bytes.
 
     """
-    return sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
+    return sdo(
+        identifier=SDO_ANSWER_BASE + node_id,
+        command=SDO_UPLOAD_ANSWER | 4 - size << 2,
+        index=index,
+        subindex=subindex,
+        value=value,
+    )
 
 
 def sdo_object(data: bytes | bytearray) -> tuple[int, int]:
@@ -421,10 +450,9 @@ def sdo_value(data: bytes | bytearray) -> int | None:
     if data[0] & 0xE2 != 0x42:
         return None
     # Bit 0 set: bits 2 and 3 hold the number of unused bytes.
+    unused = 0
     if data[0] & 1:
         unused = data[0] >> 2 & 3
-    else:
-        unused = 0
     return int.from_bytes(data[4 : SDO_LENGTH - unused], 'little')
 
 
@@ -446,4 +474,5 @@ def sdo_download(data: bytes | bytearray) -> bytes | None:
     # Bits 2 and 3 hold the number of unused bytes.
     if data[0] & 0xF3 != SDO_DOWNLOAD_REQUEST:
         return None
-    return bytes(data[4 : SDO_LENGTH - (data[0] >> 2 & 3)])
+    unused = data[0] >> 2 & 3
+    return bytes(data[4 : SDO_LENGTH - unused])

@@ -354,15 +354,20 @@ class CanopenNodes:
         before = node.state
         if wrong := node.take(message):
             return wrong
-        if 0.0 <= message.timestamp - self._sync_left_out_at < LEFT_OUT_SPAN:
-            emergency = message.arbitration_id == canopen.EMCY_BASE + node.node_id
-            node.supervises_sync |= (
-                canopen.emcy_code(message.data) >> 8 == canopen.EMCY_COMMUNICATION
-                if emergency
-                else before == canopen.OPERATIONAL
-                and node.state in (canopen.PRE_OPERATIONAL, canopen.STOPPED)
-            )
+        since = message.timestamp - self._sync_left_out_at
+        if 0.0 <= since < LEFT_OUT_SPAN and self._has_missed_sync(node, before, message):
+            node.supervises_sync = True
         return None
+
+    @staticmethod
+    def _has_missed_sync(node: Node, before: int | None, message: can.Message) -> bool:
+        """Return whether a message says that SYNC is missing, by the state of its node before."""
+        if message.arbitration_id == canopen.EMCY_BASE + node.node_id:
+            error_class = canopen.emcy_code(message.data) >> 8
+            return error_class == canopen.EMCY_COMMUNICATION
+        if before != canopen.OPERATIONAL:
+            return False
+        return node.state in (canopen.PRE_OPERATIONAL, canopen.STOPPED)
 
     def to_ask(self, now: float, silent: tuple[int, ...]) -> list[tuple[Node, tuple[int, int]]]:
         """
@@ -385,8 +390,9 @@ class CanopenNodes:
         """
         requests = []
         for index, node in enumerate(self.every):
-            is_heard = node.state is not None or index not in silent
-            wanted = node.wanted(now) if is_heard else None
+            if node.state is None and index in silent:
+                continue
+            wanted = node.wanted(now)
             if wanted is not None:
                 node.ask(wanted, now)
                 requests.append((node, wanted))
@@ -404,13 +410,13 @@ class CanopenNodes:
             Places in `every` of the nodes whose encoders are silent.
 
         """
-        due = [
-            node
-            for index in silent
-            if not 0.0 <= now - (node := self.every[index]).started_at < START_AGAIN
-        ]
-        for node in due:
-            node.started_at = now
+        due = []
+        for index in silent:
+            node = self.every[index]
+            since_start = now - node.started_at
+            if not 0.0 <= since_start < START_AGAIN:
+                node.started_at = now
+                due.append(node)
         return due
 
     def by_joint(self, reason: Callable[[Node], str | None]) -> dict[int, str]:
@@ -428,21 +434,27 @@ class CanopenNodes:
             Reasons by index of the joint.
 
         """
-        return {index: words for index, node in enumerate(self.nodes) if (words := reason(node))}
+        found = {}
+        for index, node in enumerate(self.nodes):
+            words = reason(node)
+            if words:
+                found[index] = words
+        return found
 
     def note_other(self, identifier: int) -> None:
         """Note a frame that no encoder is configured to send: a node with another id may."""
-        node_id = identifier & 0x7F
-        if node_id and identifier - node_id in (*canopen.TPDO_BASES, canopen.HEARTBEAT_BASE):
+        node_id = identifier & canopen.NODE_ID_MAXIMUM
+        base = identifier - node_id
+        if node_id and base in (*canopen.TPDO_BASES, canopen.HEARTBEAT_BASE):
             self._others.add(node_id)
 
     def others_text(self) -> str:
         """Return in words that other nodes are on the bus; empty if there are none."""
         others = sorted(self._others - self._known)
-        if others:
-            return (
-                '; on the bus, and not in encoders.node_id: '
-                + ', '.join(map(str, others))
-                + ' (can_scan prints the lines for rig.yaml)'
-            )
-        return ''
+        if not others:
+            return ''
+        listed = ', '.join(map(str, others))
+        return (
+            f'; on the bus, and not in encoders.node_id: {listed}'
+            ' (can_scan prints the lines for rig.yaml)'
+        )

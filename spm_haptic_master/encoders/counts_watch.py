@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +111,8 @@ def smaller_resolution(angles: NDArray[np.float64], counts_per_turn: Sequence[in
     """
     if not len(angles):
         return None
-    largest = int(np.max(np.round(angles % TURN * np.array(counts_per_turn) / TURN)))
+    counts = np.round(angles % TURN * np.array(counts_per_turn) / TURN)
+    largest = int(np.max(counts))
     smaller = 1 << max(1, largest).bit_length()
     if 2 * smaller <= min(counts_per_turn):
         return smaller
@@ -142,10 +144,10 @@ class CountsWatch:
     def __init__(self, layout: EncoderLayout):
         self.layout = layout
         self.track = CountsTrack(layout)
-        self._other_order = 'big' if layout.byte_order == 'little' else 'little'
-        self._other = CountsTrack(
-            replace(layout, byte_order='big' if layout.byte_order == 'little' else 'little')
-        )
+        self._other_order: Literal['little', 'big'] = 'little'
+        if layout.byte_order == 'little':
+            self._other_order = 'big'
+        self._other = CountsTrack(replace(layout, byte_order=self._other_order))
         self.heard: float | None = None
         self.healthy = True
         self.other_length: int | None = None
@@ -189,9 +191,12 @@ class CountsWatch:
 
     def moved(self) -> float:
         """Return by how much it has moved since the last call, rad; 0 for noise."""
-        moved = abs(self.track.position - self._shown) * TURN / self.layout.counts_per_turn
+        counts = abs(self.track.position - self._shown)
+        moved = counts * TURN / self.layout.counts_per_turn
         self._shown = self.track.position
-        return moved if moved > LEAST_MOVEMENT else 0.0
+        if moved > LEAST_MOVEMENT:
+            return moved
+        return 0.0
 
     def problem(self) -> str | None:
         """

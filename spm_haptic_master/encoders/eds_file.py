@@ -9,6 +9,7 @@ The answer is only as good as the file: the device itself is compared by `node_s
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import configparser
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,9 +62,9 @@ class DescribedObject:
 
     def takes(self, value: int) -> bool:
         """Return whether a value is within its limits."""
-        return (self.least is None or self.least <= value) and (
-            self.greatest is None or value <= self.greatest
-        )
+        if self.least is not None and value < self.least:
+            return False
+        return self.greatest is None or value <= self.greatest
 
     @property
     def words(self) -> str:
@@ -110,7 +111,8 @@ class DeviceDescription:
         if not len(self._dictionary):
             raise InputError(f'{path}: no object in it; expected an EDS file')
         info = self._dictionary.device_information
-        self.name = ' '.join(filter(None, (info.vendor_name, info.product_name))) or path
+        names = filter(None, (info.vendor_name, info.product_name))
+        self.name = ' '.join(names) or path
 
     def find(self, index: int, subindex: int) -> DescribedObject | None:
         """
@@ -150,18 +152,16 @@ class DeviceDescription:
                 return each
             return replace(each, size=found.size)
 
-        return replace(
-            wanted,
-            pdos=tuple(
-                WantedPdo(
-                    identifier=sized(pdo.identifier),
-                    parameters=tuple(map(sized, pdo.parameters)),
-                    mapping=tuple(map(sized, pdo.mapping)),
-                )
-                for pdo in wanted.pdos
-            ),
-            others=tuple(map(sized, wanted.others)),
-        )
+        def typed_pdo(pdo: WantedPdo) -> WantedPdo:
+            return WantedPdo(
+                identifier=sized(pdo.identifier),
+                parameters=tuple(map(sized, pdo.parameters)),
+                mapping=tuple(map(sized, pdo.mapping)),
+            )
+
+        pdos = tuple(map(typed_pdo, wanted.pdos))
+        others = tuple(map(sized, wanted.others))
+        return replace(wanted, pdos=pdos, others=others)
 
     def lines(self, wanted: WantedObjects) -> list[str]:
         """
@@ -173,12 +173,15 @@ class DeviceDescription:
             Required objects.
 
         """
-        return [
-            f'0x{each.index:04X}:{each.subindex:02X} {each.name}: '
-            + (f'{found.words}; ' if (found := self.find(*each.key)) else 'not in the EDS; ')
-            + f'wanted {each.shown(each.value)}'
-            for each in wanted.every
-        ]
+        lines = []
+        for each in wanted.every:
+            found = self.find(*each.key)
+            words = 'not in the EDS' if found is None else found.words
+            lines.append(
+                f'0x{each.index:04X}:{each.subindex:02X} {each.name}: {words}; '
+                f'wanted {each.shown(each.value)}'
+            )
+        return lines
 
     def impossible(self, wanted: WantedObjects) -> list[str]:
         """
@@ -195,13 +198,13 @@ class DeviceDescription:
             A line for each object that cannot have its value; empty if nothing speaks against it.
 
         """
-        defaults = Comparison(wanted, {each.key: self._default(each.key) for each in wanted.every})
+        values = {each.key: self._default(each.key) for each in wanted.every}
+        defaults = Comparison(wanted, values)
+        excused: Collection[Key] = ()
         if wanted.rules:
-            defaults = replace(defaults, wanted=wanted.rules.adapted(wanted, defaults.value))
-        if wanted.rules:
+            adapted = wanted.rules.adapted(wanted, defaults.value)
+            defaults = replace(defaults, wanted=adapted)
             excused = wanted.rules.excused(defaults.value)
-        else:
-            excused = set()
         lines = []
         for each in defaults.wanted.every:
             found = self.find(*each.key)
@@ -228,7 +231,9 @@ def _obstacle(wanted: WantedObject, found: DescribedObject | None) -> str | None
         return None
     if wanted.of_device or not found.writable:
         # Without a default value only the device can answer.
-        return None if found.default is None else f'{found.access}, {wanted.shown(found.default)}'
+        if found.default is None:
+            return None
+        return f'{found.access}, {wanted.shown(found.default)}'
     written = wanted.changed(found.default or 0)
     if found.takes(written):
         return None
@@ -237,4 +242,7 @@ def _obstacle(wanted: WantedObject, found: DescribedObject | None) -> str | None
 
 def _number(*values: object) -> int | None:
     """Return the first value that is a number, None without one."""
-    return next((value for value in values if isinstance(value, int)), None)
+    for value in values:
+        if isinstance(value, int):
+            return value
+    return None

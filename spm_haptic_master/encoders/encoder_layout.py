@@ -76,7 +76,8 @@ def counts_from_angle(angle: float, zero_count: int, direction: int, counts_per_
         Counts in [0, counts_per_turn), rounded.
 
     """
-    return (zero_count + direction * round(angle * counts_per_turn / TURN)) % counts_per_turn
+    counts = round(angle * counts_per_turn / TURN)
+    return (zero_count + direction * counts) % counts_per_turn
 
 
 def lowest_bit(mask: int) -> int:
@@ -235,7 +236,8 @@ class EncoderLayout:
         """
         if not self.counter_mask:
             return None
-        return (data[self.counter_byte] & self.counter_mask) >> lowest_bit(self.counter_mask)
+        bits = data[self.counter_byte] & self.counter_mask
+        return bits >> lowest_bit(self.counter_mask)
 
     def angle(self, counts: int) -> float:
         """

@@ -129,11 +129,9 @@ class FrameDecoder:
     @property
     def sends_without_sync(self) -> bool:
         """Whether frames of the encoders came, and no SYNC although one is expected."""
-        return (
-            self.sync_id is not None
-            and self.sync_heard is None
-            and any(encoder.heard is not None for encoder in self.encoders)
-        )
+        if self.sync_id is None or self.sync_heard is not None:
+            return False
+        return any(encoder.heard is not None for encoder in self.encoders)
 
     def feed(self, message: can.Message) -> JointSample | None:
         """
@@ -174,7 +172,8 @@ class FrameDecoder:
         takers: dict[int, Taker] = {}
         if self.network is not None:
             takers |= dict.fromkeys(self.network.senders, self._take_node)
-        takers |= {_key(axis.layout): partial(self._take_axis, axis) for axis in self.axes}
+        for axis in self.axes:
+            takers[_key(axis.layout)] = partial(self._take_axis, axis)
         if self.sync_id is not None:
             takers[self.sync_id] = self._begin
         for index, encoder in enumerate(self.encoders):
@@ -210,12 +209,12 @@ class FrameDecoder:
 
     def silent_nodes(self, now: float, timeout: float) -> tuple[int, ...]:
         """Return the places of the silent nodes, joints and axes, in CanopenNodes.every."""
+        found = list(self.silent(now, timeout))
         nodes = [axis for axis in self.axes if axis.node is not None]
-        return self.silent(now, timeout) + tuple(
-            len(self.encoders) + place
-            for place, axis in enumerate(nodes)
-            if not recent(axis.encoder.heard, now, timeout)
-        )
+        for place, axis in enumerate(nodes):
+            if not recent(axis.encoder.heard, now, timeout):
+                found.append(len(self.encoders) + place)
+        return tuple(found)
 
     def is_sync(self, message: can.Message) -> bool:
         """Return whether a frame is a valid SYNC."""
@@ -227,11 +226,11 @@ class FrameDecoder:
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
         """Return the indices of the joints without a good frame in the last `timeout` s."""
-        return tuple(
-            index
-            for index, encoder in enumerate(self.encoders)
-            if not recent(encoder.heard, now, timeout)
-        )
+        found = []
+        for index, encoder in enumerate(self.encoders):
+            if not recent(encoder.heard, now, timeout):
+                found.append(index)
+        return tuple(found)
 
     def explain(self, now: float, timeout: float) -> str | None:
         """
@@ -250,22 +249,20 @@ class FrameDecoder:
             The reason, by silent joint or of the latest cycle; None if it is unknown.
 
         """
-        troubles = {
-            self.encoders[index].layout.joint: self._trouble(index, now, timeout)
-            for index in self.silent(now, timeout)
-        }
+        troubles = {}
+        for index in self.silent(now, timeout):
+            joint = self.encoders[index].layout.joint
+            troubles[joint] = self._trouble(index, now, timeout)
         if not troubles:
             return self.assembler.cause
+        others = ''
         if self.network and 'no frames' in troubles.values():
             others = self.network.others_text()
-        else:
-            others = ''
-        if len(troubles) == len(self.encoders) and len(set(troubles.values())) == 1:
-            return f'all encoders silent ({next(iter(troubles.values()))}){others}'
-        return (
-            '; '.join(f'{joint} silent ({trouble})' for joint, trouble in troubles.items())
-            + others
-        )
+        kinds = set(troubles.values())
+        if len(troubles) == len(self.encoders) and len(kinds) == 1:
+            return f'all encoders silent ({kinds.pop()}){others}'
+        words = [f'{joint} silent ({trouble})' for joint, trouble in troubles.items()]
+        return '; '.join(words) + others
 
     def caution(self, now: float) -> str | None:
         """
@@ -283,24 +280,28 @@ class FrameDecoder:
 
         """
         reasons = self._cautions_by_joint(now)
-        found = [
-            f'{self.encoders[index].layout.joint}: {reasons[index]}' for index in sorted(reasons)
-        ]
-        if recent(self.sync_heard, now, CAUTION_HOLD) and (rate := self._sync_rate.text()):
-            found.append(rate)
-        surplus = self.assembler.surplus
-        if surplus and recent(surplus[0], now, CAUTION_HOLD):
-            found.append(surplus[1])
+        found = []
+        for index in sorted(reasons):
+            joint = self.encoders[index].layout.joint
+            found.append(f'{joint}: {reasons[index]}')
+        if recent(self.sync_heard, now, CAUTION_HOLD):
+            rate = self._sync_rate.text()
+            if rate:
+                found.append(rate)
+        if self.assembler.surplus:
+            since, words = self.assembler.surplus
+            if recent(since, now, CAUTION_HOLD):
+                found.append(words)
         return '; '.join(found) or None
 
     def _cautions_by_joint(self, now: float) -> dict[int, str]:
         """Return what is wrong with the encoders of joints, by index, at a time, s."""
+        reasons: dict[int, str] = {}
         if self.network:
             reasons = self.network.by_joint(lambda node: self._concern(node, now))
-        else:
-            reasons = {}
         # Copied in one step: another thread changes it.
-        reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
+        for index in tuple(self.assembler.late.behind):
+            reasons[index] = BEHIND
         for index in range(len(self.encoders)):
             if index not in reasons and self._is_without_reading(index, now):
                 reasons[index] = self._trouble(index, now, CAUTION_HOLD)
@@ -311,9 +312,10 @@ class FrameDecoder:
         if index in self.assembler.absent:
             return True
         refused = self.encoders[index].refused
-        if refused is None or refused[1] not in (STATUS_ERROR, UNCHANGED):
+        if refused is None:
             return False
-        return recent(refused[0], now, CAUTION_HOLD)
+        refused_at, reason = refused
+        return reason in (STATUS_ERROR, UNCHANGED) and recent(refused_at, now, CAUTION_HOLD)
 
     def tally(self) -> Counter[str]:
         """Return all counters by name; rejects of an encoder begin with its joint."""
@@ -329,17 +331,25 @@ class FrameDecoder:
         assembler = self.assembler
         found: dict[str, object] = dict(self.tally())
         cycle = 'cycle' if self.sync_id is None else 'SYNC'
-        for name, meter in (('skew', assembler.skew), (f'{cycle} jitter', assembler.jitter)):
-            if text := percentiles_text(meter):
+        meters = {
+            'skew': assembler.skew,
+            f'{cycle} jitter': assembler.jitter,
+        }
+        for name, meter in meters.items():
+            text = percentiles_text(meter)
+            if text:
                 found[f'{name} p50 / p99 / max (us)'] = text
         for encoder, missed in zip(self.encoders, assembler.missed, strict=True):
             joint = encoder.layout.joint
+            age: float | str = 'never heard'
+            if encoder.heard is not None:
+                age = 1e3 * (now - encoder.heard)
+            counts: int | str = 'none yet'
+            if encoder.counts is not None:
+                counts = encoder.counts
             found[f'{joint} frame rate (Hz)'] = encoder.frames.rate()
-            if encoder.heard is None:
-                found[f'{joint} age (ms)'] = 'never heard'
-            else:
-                found[f'{joint} age (ms)'] = 1e3 * (now - encoder.heard)
-            found[f'{joint} counts'] = 'none yet' if encoder.counts is None else encoder.counts
+            found[f'{joint} age (ms)'] = age
+            found[f'{joint} counts'] = counts
             found[f'{joint} missed cycles'] = missed
         if self.network:
             for node in self.network.every:
@@ -351,7 +361,10 @@ class FrameDecoder:
         refused = self.encoders[index].refused
         if refused and recent(refused[0], now, timeout):
             return f'frames rejected, {refused[1]}'
-        return (self.network and self.network.nodes[index].trouble(now)) or 'no frames'
+        trouble = None
+        if self.network:
+            trouble = self.network.nodes[index].trouble(now)
+        return trouble or 'no frames'
 
     def _answer(self, index: int, encoder: Encoder, message: can.Message) -> JointSample | None:
         """Take an encoder's frame; one without a reading also ends the wait for its answer."""

@@ -290,10 +290,12 @@ def identity(node: Node, profile: int) -> str:
         raise SetupError(
             f'node {node.node_id} has device type {shown}; expected profile {profile} ({kind})'
         )
-    known = {name: node.read(*key)[0] for key, name in canopen.IDENTITY.items()}
-    return f'{kind} 0x{device_type:08X}, ' + ', '.join(
-        f'{name} 0x{value:X}' for name, value in known.items() if value is not None
-    )
+    words = []
+    for key, name in canopen.IDENTITY.items():
+        value, _ = node.read(*key)
+        if value is not None:
+            words.append(f'{name} 0x{value:X}')
+    return f'{kind} 0x{device_type:08X}, {", ".join(words)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,15 +323,15 @@ class Comparison:
     def different(self) -> dict[WantedObject, int | None]:
         """Return the objects that are not as wanted, and their values."""
         rules = self.wanted.rules
+        excused = set()
         if rules:
             excused = rules.excused(self.value)
-        else:
-            excused = set()
-        return {
-            each: self.values[each.key]
-            for each in self.wanted.every
-            if each.key not in excused and not each.holds(self.values[each.key])
-        }
+        found = {}
+        for each in self.wanted.every:
+            value = self.values[each.key]
+            if each.key not in excused and not each.holds(value):
+                found[each] = value
+        return found
 
     @property
     def lines(self) -> list[str]:
@@ -339,20 +341,26 @@ class Comparison:
     @property
     def hinted(self) -> list[str]:
         """Return these lines, with what is to be done about what cannot be written."""
-        return [
-            each.difference(value)
-            + (self.hint(each.key) if value is None or each.of_device else '')
-            for each, value in self.different.items()
-        ]
+        lines = []
+        for each, value in self.different.items():
+            line = each.difference(value)
+            if value is None or each.of_device:
+                line += self.hint(each.key)
+            lines.append(line)
+        return lines
 
     @property
     def remarks(self) -> list[str]:
         """Return in lines what the node does not have and need not have."""
         absent = [each for each in self.wanted.every if self.values[each.key] is None]
         need_not = [f'0x{each.index:04X}:{each.subindex:02X}' for each in absent if each.optional]
-        found = [f'it has no {", ".join(need_not)}, and need not have'] if need_not else []
+        found = []
+        if need_not:
+            found.append(f'it has no {", ".join(need_not)}, and need not have')
         rules = self.wanted.rules
-        return found + (rules.remarks(self.value) if rules else [])
+        if rules:
+            found += rules.remarks(self.value)
+        return found
 
     def hint(self, key: Key) -> str:
         """
@@ -370,10 +378,9 @@ class Comparison:
 
         """
         rules = self.wanted.rules
-        if rules:
-            hint = rules.hint(key, self.value)
-        else:
-            hint = ''
+        if not rules:
+            return ''
+        hint = rules.hint(key, self.value)
         return f'; {hint}' if hint else ''
 
 
@@ -436,11 +443,11 @@ def write(node: Node, found: Comparison) -> None:
 
     """
     wanted = found.wanted
-    if impossible := [
-        each.difference(value) + found.hint(each.key)
-        for each, value in found.different.items()
-        if value is None or each.of_device
-    ]:
+    impossible = []
+    for each, value in found.different.items():
+        if value is None or each.of_device:
+            impossible.append(each.difference(value) + found.hint(each.key))
+    if impossible:
         raise SetupError(f'node {node.node_id}: {"; ".join(impossible)}; nothing was written')
     if not node.can_store():
         raise SetupError(
@@ -484,11 +491,9 @@ def _put_back(node: Node, before: Comparison) -> str:
         undone = compare(node, before.wanted).values == before.values
     except SetupError:
         undone = False
-    return (
-        'not stored: a reset has undone what was written'
-        if undone
-        else 'half written, and not stored: power-cycle it'
-    )
+    if undone:
+        return 'not stored: a reset has undone what was written'
+    return 'half written, and not stored: power-cycle it'
 
 
 def _write_pdo(node: Node, wanted: WantedPdo, found: Comparison) -> None:
@@ -525,18 +530,21 @@ def _write_mapping(node: Node, wanted: WantedPdo, found: Comparison) -> None:
         for each in (*entries, count):
             node.write(each.index, each.subindex, each.value, each.size)
     except RefusedError as error:
-        present = compare(node, found.wanted)
-        whole = {
-            (count.index, place): _read_optional(node, (count.index, place)) for place in ENTRIES
-        }
-        hint = Comparison(found.wanted, present.values | whole).hint(count.key)
+        values = dict(compare(node, found.wanted).values)
+        for place in ENTRIES:
+            key = (count.index, place)
+            values[key] = _read_optional(node, key)
+        hint = Comparison(found.wanted, values).hint(count.key)
         raise RefusedError(f'{error}{hint}') from error
 
 
 def _write(node: Node, wanted: WantedObject, found: Comparison) -> None:
     """Write an object that the node has and that is not as configured."""
-    present, size = (None, 0) if _read(node, wanted) is None else node.read(*wanted.key)
+    if _read(node, wanted) is None:
+        return
+    present, size = node.read(*wanted.key)
     if present is None or wanted.holds(present):
+        return
         return
     try:
         # An answer need not have its size.
@@ -547,5 +555,6 @@ def _write(node: Node, wanted: WantedObject, found: Comparison) -> None:
 
 def _verify(node: Node, wanted: WantedObjects, when: str) -> None:
     """Read the node back; SetupError where it is not as configured."""
-    if lines := compare(node, wanted).lines:
+    lines = compare(node, wanted).lines
+    if lines:
         raise SetupError(f'node {node.node_id}: not as configured {when}: ' + '; '.join(lines))

@@ -64,38 +64,47 @@ def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
 
     """
     identifiers = _identifiers(scan, expected)
-    node_ids = _in_order(identifiers, (expected.node_ids or ()) if given.chosen else ())
+    configured: tuple[int, ...] = ()
+    if given.chosen and expected.node_ids:
+        configured = expected.node_ids
+    node_ids = _in_order(identifiers, configured)
     count = len(node_ids)
     if not len(JOINT_NAMES) <= count <= len(ALL_JOINT_NAMES):
         return [f'# none: {_too_few_or_many(scan, count)}']
-    return [
+    of_encoders = [identifiers[node_id] for node_id in node_ids]
+    listed = ', '.join(f'0x{identifier:X}' for identifier in of_encoders)
+    lines = [
         '/**:',
         '  ros__parameters:',
         '    source: can',
-        *([] if count == len(JOINT_NAMES) else [f'    sensors: {count}']),
-        *_of_bus(scan, expected, given),
+    ]
+    if count != len(JOINT_NAMES):
+        lines.append(f'    sensors: {count}')
+    lines += _of_bus(scan, expected, given)
+    lines += [
         '    encoders:',
         f'      # {", ".join(ALL_JOINT_NAMES[:count])}',
         f'      node_id: {node_ids}',
-        f'      id: [{", ".join(f"0x{identifiers[node_id]:X}" for node_id in node_ids)}]',
-        *_lengths(scan, expected, [identifiers[node_id] for node_id in node_ids]),
-        *_counts_per_turn(scan, expected, node_ids),
-        *(
-            f'    {layout.joint}: {{id: 0x{layout.can_id:X}, node_id: {node_id or 0}}}'
-            for layout, node_id in expected.axes
-        ),
+        f'      id: [{listed}]',
     ]
+    lines += _lengths(scan, expected, of_encoders)
+    lines += _counts_per_turn(scan, expected, node_ids)
+    for layout, node_id in expected.axes:
+        lines.append(f'    {layout.joint}: {{id: 0x{layout.can_id:X}, node_id: {node_id or 0}}}')
+    return lines
 
 
 def _of_bus(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
     """Return the lines of the rate and of the bus."""
     # One SYNC has no rate.
+    rate = expected.rate
     if scan.master_rate:
         rate = round_rate(scan.master_rate)
-    else:
-        rate = expected.rate
     sync = 'produce' if scan.master_sync is None else 'consume'
-    return [f'    rate: {rate!r}', f'    can: {{{given.text}, sync: {sync}}}']
+    return [
+        f'    rate: {rate!r}',
+        f'    can: {{{given.text}, sync: {sync}}}',
+    ]
 
 
 def _in_order(identifiers: dict[int, int], configured: tuple[int, ...]) -> list[int]:
@@ -142,11 +151,13 @@ def _lengths(scan: BusScan, expected: Expected, identifiers: list[int]) -> list[
 def _counts_per_turn(scan: BusScan, expected: Expected, node_ids: list[int]) -> list[str]:
     """Return the line of the counts per turn, as the nodes have them; none where they do not."""
     layout = expected.layouts[0]
-    counts = [
-        resolution(scan.nodes[node_id], layout) if node_id in scan.nodes else None
-        for node_id in node_ids
-    ]
-    if None in counts:
+    counts = []
+    for node_id in node_ids:
+        node = scan.nodes.get(node_id)
+        if node is not None:
+            counts.append(resolution(node, layout))
+    if len(counts) < len(node_ids) or None in counts:
+        return []
         return []
     return [f'      counts_per_turn: {counts}']
 
@@ -168,8 +179,10 @@ def round_rate(rate: float) -> float:
 
     """
     period = float(f'{1.0 / rate:.1e}')
-    near = abs(period * rate - 1.0) <= 0.01
-    return float(f'{1.0 / period if near else rate:.4g}')
+    rounded = rate
+    if abs(period * rate - 1.0) <= 0.01:
+        rounded = 1.0 / period
+    return float(f'{rounded:.4g}')
 
 
 def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
@@ -189,32 +202,31 @@ def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
 
 def _as_configured(scan: BusScan, expected: Expected) -> dict[int, int]:
     """Return the configured identifiers that were heard, by node id."""
-    return {
-        node_id: layout.can_id
-        for layout, node_id in zip(expected.layouts, expected.node_ids or (), strict=True)
-        if not layout.extended and (False, layout.can_id) in scan.frames
-    }
+    found = {}
+    for layout, node_id in zip(expected.layouts, expected.node_ids or (), strict=True):
+        if not layout.extended and (False, layout.can_id) in scan.frames:
+            found[node_id] = layout.can_id
+    return found
 
 
 def _tpdos(scan: BusScan) -> list[int]:
     """Return the identifiers that were heard and belong to the TPDO of a node."""
+    found = []
     standard = sorted(identifier for extended, identifier in scan.frames if not extended)
-    return [
-        identifier
-        for identifier in standard
-        if (node_id := identifier & canopen.NODE_ID_MAXIMUM)
-        and identifier - node_id in canopen.TPDO_BASES
-    ]
+    for identifier in standard:
+        node_id = identifier & canopen.NODE_ID_MAXIMUM
+        if node_id and identifier - node_id in canopen.TPDO_BASES:
+            found.append(identifier)
+    return found
 
 
 def _foreign(scan: BusScan, expected: Expected) -> set[int]:
     """Return the nodes that are no encoders: the drives, and those of another profile."""
-    return {
-        *expected.others,
-        *(node_id for _, node_id in expected.axes if node_id is not None),
-        *(
-            node_id
-            for node_id, node in scan.nodes.items()
-            if node.profile not in (None, canopen.ENCODER_PROFILE)
-        ),
-    }
+    found = set(expected.others)
+    for _, node_id in expected.axes:
+        if node_id is not None:
+            found.add(node_id)
+    for node_id, node in scan.nodes.items():
+        if node.profile not in (None, canopen.ENCODER_PROFILE):
+            found.add(node_id)
+    return found

@@ -86,21 +86,24 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
         One line for each identifier and node, and for what was sent.
 
     """
-    names = (
-        {(layout.extended, layout.can_id): layout.joint for layout, _ in expected.encoders}
-        | {(False, identifier): name for identifier, name in expected.frames.items()}
-        | {(False, scan.sync_id): 'SYNC'}
-    )
+    names: dict[tuple[bool, int | None], str] = {}
+    for layout, _ in expected.encoders:
+        names[layout.extended, layout.can_id] = layout.joint
+    for identifier, name in expected.frames.items():
+        names[False, identifier] = name
+    names[False, scan.sync_id] = 'SYNC'
     found = []
     for key, heard in sorted(scan.frames.items()):
+        extended, identifier = key
+        digits = 8 if extended else 3
         lengths = '/'.join(map(str, sorted(heard.lengths)))
+        name = names.get(key) or _frame_name(extended, identifier)
         found.append(
-            f'  0x{key[1]:0{8 if key[0] else 3}X}  {heard.rate:8.1f} Hz  {lengths:>3} '
-            f'bytes  {heard.count:7} frames  {names.get(key) or _frame_name(*key)}'
+            f'  0x{identifier:0{digits}X}  {heard.rate:8.1f} Hz  {lengths:>3} '
+            f'bytes  {heard.count:7} frames  {name}'
         )
-    found += [
-        f'  node {node_id:3}: {_node_words(node)}' for node_id, node in sorted(scan.nodes.items())
-    ]
+    for node_id, node in sorted(scan.nodes.items()):
+        found.append(f'  node {node_id:3}: {_node_words(node)}')
     if scan.remote:
         found.append(f'  remote frames: {scan.remote}')
     if scan.own_sync is not None:
@@ -109,9 +112,8 @@ def listing(scan: BusScan, expected: Expected) -> list[str]:
             f'{scan.own_sync.rate:.1f} Hz'
         )
     if scan.started:
-        found.append(
-            '  sent from here: NMT start to node ' + ', '.join(map(str, sorted(scan.started)))
-        )
+        started = ', '.join(map(str, sorted(scan.started)))
+        found.append(f'  sent from here: NMT start to node {started}')
     return found
 
 
@@ -124,21 +126,26 @@ def _frame_name(extended: bool, identifier: int) -> str:
 
 def _node_words(node: HeardNode) -> str:
     """Return state, identity and emergencies of a node in one line."""
-    parts = [canopen.state_word(node.state) if node.state is not None else 'no heartbeat']
+    parts = []
+    if node.state is None:
+        parts.append('no heartbeat')
+    else:
+        parts.append(canopen.state_word(node.state))
     if node.boot_ups:
         parts.append(f'booted {node.boot_ups} x')
     if node.profile is not None:
         kind = canopen.PROFILES.get(node.profile)
-        parts.append(
-            f'device type 0x{node.objects[canopen.DEVICE_TYPE]:08X} '
-            f'(CiA {node.profile}{f", {kind}" if kind else ""})'
-        )
-    parts += [
-        f'{name} 0x{node.objects[key]:X}'
-        for key, name in canopen.IDENTITY.items()
-        if key in node.objects
-    ]
-    return ', '.join(parts + [f'{words} ({count} x)' for words, count in node.emergencies.items()])
+        profile = f'CiA {node.profile}'
+        if kind:
+            profile += f', {kind}'
+        device_type = node.objects[canopen.DEVICE_TYPE]
+        parts.append(f'device type 0x{device_type:08X} ({profile})')
+    for key, name in canopen.IDENTITY.items():
+        if key in node.objects:
+            parts.append(f'{name} 0x{node.objects[key]:X}')
+    for words, count in node.emergencies.items():
+        parts.append(f'{words} ({count} x)')
+    return ', '.join(parts)
 
 
 def problems(scan: BusScan, expected: Expected) -> list[str]:
@@ -159,26 +166,24 @@ def problems(scan: BusScan, expected: Expected) -> list[str]:
 
     """
     shared = {node_id: node for node_id, node in scan.nodes.items() if node.devices > 1}
-    found = [
-        canopen.shared_node_id(node_id, node.devices) for node_id, node in sorted(shared.items())
-    ]
+    found = []
+    for shared_id, node in sorted(shared.items()):
+        found.append(canopen.shared_node_id(shared_id, node.devices))
     found += _silence(scan)
     found += _sync_problems(scan, expected)
     for layout, node_id in expected.encoders:
         if node_id in shared:
             continue
-        found += [
-            f'{layout.joint}: {words}'
-            for words in _encoder_problems(scan, layout, node_id, expected)
-        ]
+        for words in _encoder_problems(scan, layout, node_id, expected):
+            found.append(f'{layout.joint}: {words}')
     found += _phase_problem(scan, expected)
     found += _other_problems(scan, expected)
     found += _unexpected(scan, expected)
-    found += [f'error frames: {count} x {words}' for words, count in scan.errors.items()]
-    return found + [
-        f'{count} frames not sent: {words} (does any other node acknowledge?)'
-        for words, count in scan.unsent.items()
-    ]
+    for words, count in scan.errors.items():
+        found.append(f'error frames: {count} x {words}')
+    for words, count in scan.unsent.items():
+        found.append(f'{count} frames not sent: {words} (does any other node acknowledge?)')
+    return found
 
 
 def _other_problems(scan: BusScan, expected: Expected) -> list[str]:
@@ -186,9 +191,8 @@ def _other_problems(scan: BusScan, expected: Expected) -> list[str]:
     found = []
     for node_id, name in expected.others.items():
         node = scan.nodes.get(node_id)
-        if node is None:
-            words = ['not heard']
-        else:
+        words = ['not heard']
+        if node is not None:
             words = list(node.emergencies)
         found += [f'{name}: {word}' for word in words]
     return found
@@ -198,8 +202,10 @@ def _silence(scan: BusScan) -> list[str]:
     """Return what to do where no frame but answers to SDO was heard."""
     if scan.frames:
         return []
-    if answered := sorted(node_id for node_id, node in scan.nodes.items() if node.devices < 2):
-        nodes = f'no frames, but answers to SDO of node {", ".join(map(str, answered))}: '
+    answered = sorted(node_id for node_id, node in scan.nodes.items() if node.devices < 2)
+    if answered:
+        listed = ', '.join(map(str, answered))
+        nodes = f'no frames, but answers to SDO of node {listed}: '
         if scan.started:
             return [f'{nodes}started, they send nothing. Set them up (can_setup --write)']
         return [
@@ -248,8 +254,10 @@ def busy(scan: BusScan, rate: float) -> str | None:
     own = scan.own_sync
     if own is None or not own.rate or own.rate >= rate * (1.0 - RATE_TOLERANCE):
         return None
-    lower = next((each for each in LOWER_RATES if each < own.rate), None)
-    remedy = '' if lower is None else f'. Give a lower rate: -p rate:={lower}.0'
+    remedy = ''
+    lower = [each for each in LOWER_RATES if each < own.rate]
+    if lower:
+        remedy = f'. Give a lower rate: -p rate:={lower[0]}.0'
     return (
         f'this machine is too busy: SYNC was sent at {own.rate:.1f} Hz instead of {rate:g} '
         f"Hz; the encoders' rates are not compared{remedy}"
@@ -271,23 +279,22 @@ def _encoder_problems(
     identifier = f'0x{layout.can_id:X}'
     key = layout.extended, layout.can_id
     heard = scan.frames.get(key)
-    if node_id is None:
-        node = None
-    else:
+    node = None
+    if node_id is not None:
         node = scan.nodes.get(node_id)
     found = []
     if heard is None:
         found.append(f'{identifier} missing{_missing_because(scan, layout, node_id)}')
     else:
         if heard.lengths != {layout.data_length}:
-            found.append(
-                f'{identifier} has {", ".join(map(str, sorted(heard.lengths)))} bytes, '
-                f'configured {layout.data_length}'
-            )
-        if wrong := _rate_problem(scan, heard, expected.rate):
-            found.append(f'{identifier} {wrong}')
-        if key in scan.watches and (wrong := scan.watches[key].problem()):
-            found.append(f'{identifier}: {wrong}')
+            lengths = ', '.join(map(str, sorted(heard.lengths)))
+            found.append(f'{identifier} has {lengths} bytes, configured {layout.data_length}')
+        wrong_rate = _rate_problem(scan, heard, expected.rate)
+        if wrong_rate:
+            found.append(f'{identifier} {wrong_rate}')
+        wrong_counts = scan.watches[key].problem() if key in scan.watches else None
+        if wrong_counts:
+            found.append(f'{identifier}: {wrong_counts}')
     if node is not None:
         found += _node_problems(scan, node, layout, expected, heard is None)
     return found
@@ -301,14 +308,16 @@ def _node_problems(
     missing: bool,
 ) -> list[str]:
     """Return what a node reports, but for emergencies where it is missing, and its objects."""
-    found = [] if missing else list(node.emergencies)
-    if register := node.objects.get(canopen.ERROR_REGISTER):
+    found: list[str] = []
+    if not missing:
+        found += node.emergencies
+    register = node.objects.get(canopen.ERROR_REGISTER)
+    if register:
         found.append(canopen.register_words(register))
     # An axis may be a linear encoder, whose counts are none per turn.
+    counts = None
     if layout in expected.layouts:
         counts = resolution(node, layout)
-    else:
-        counts = None
     if counts not in (None, layout.counts_per_turn):
         found.append(
             f'it has {counts} counts per turn, encoders.counts_per_turn is '
@@ -371,7 +380,8 @@ def _rate_problem(scan: BusScan, heard: HeardFrame, rate: float) -> str | None:
     # To the end of the scan: an encoder may have ended meanwhile.
     cycles = scan.cycles - heard.first_cycle + (heard.first_cycle > 0)
     lost = cycles - heard.count
-    if -max(UNDER_WAY, LOST_SHARE * cycles) <= lost <= max(UNDER_WAY, LOST_SHARE * cycles):
+    tolerated = max(UNDER_WAY, LOST_SHARE * cycles)
+    if -tolerated <= lost <= tolerated:
         return None
     times = 'once' if heard.count == 1 else f'{heard.count} times'
     if lost < 0:
@@ -406,16 +416,19 @@ def phases(scan: BusScan, expected: Expected) -> dict[str, int]:
 
     """
     period = round(1e6 / expected.rate)
-    heard = {
-        layout.joint: round(1e6 * frame.last) % period
-        for layout in expected.layouts
-        if (frame := scan.frames.get((layout.extended, layout.can_id))) is not None
-    }
+    heard = {}
+    for layout in expected.layouts:
+        frame = scan.frames.get((layout.extended, layout.can_id))
+        if frame is not None:
+            heard[layout.joint] = round(1e6 * frame.last) % period
     if not heard:
         return {}
     # The first one is the one behind the longest pause.
     ordered = sorted(heard.values())
-    pauses = [(at - before) % period for before, at in pairwise([ordered[-1], *ordered])]
+    last = ordered[-1]
+    pauses = []
+    for before, at in pairwise([last, *ordered]):
+        pauses.append((at - before) % period)
     first = ordered[pauses.index(max(pauses))]
     return {joint: (at - first) % period for joint, at in heard.items()}
 
@@ -441,10 +454,10 @@ SYNC_NEEDED = (
 def remark_on_phases(scan: BusScan, expected: Expected) -> str | None:
     """Return the phases of encoders without SYNC that make sets at present; None with SYNC."""
     if scan.sync_id is not None:
-        found = {}
-    else:
-        found = phases(scan, expected)
+        return None
+    found = phases(scan, expected)
     if not found or _phase_problem(scan, expected):
+        return None
         return None
     return f'{_phases_text(found, expected)} at present. {SYNC_NEEDED}'
 
@@ -458,28 +471,26 @@ def _phases_text(found: dict[str, int], expected: Expected) -> str:
 def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) -> str:
     """Return why the frame of an encoder is missing, behind a semicolon."""
     if (not layout.extended, layout.can_id) in scan.frames:
-        return f'; it comes with {11 if layout.extended else 29} bits instead'
+        bits = 11 if layout.extended else 29
+        return f'; it comes with {bits} bits instead'
     if node_id is None:
         return ''
     node = scan.nodes.get(node_id)
-    return '; its ' + (
-        f'node {node_id} was not heard either'
-        if node is None
-        else _node_without_frames(scan, node_id, node)
-    )
+    if node is None:
+        return f'; its node {node_id} was not heard either'
+    return f'; its {_node_without_frames(scan, node_id, node)}'
 
 
 def _node_without_frames(scan: BusScan, node_id: int, node: HeardNode) -> str:
     """Return what is known of a node whose frame is missing."""
     if node.emergencies:
         return f'node {node_id} reports {", ".join(node.emergencies)}'
-    others = sorted(
-        identifier
-        for extended, identifier in scan.frames
-        if not extended and identifier - node_id in canopen.TPDO_BASES
-    )
+    others = []
+    for extended, identifier in sorted(scan.frames):
+        if not extended and identifier - node_id in canopen.TPDO_BASES:
+            others.append(f'0x{identifier:X}')
     if others:
-        return 'node sends on ' + ', '.join(f'0x{each:X}' for each in others)
+        return f'node sends on {", ".join(others)}'
     if node.state not in (None, canopen.OPERATIONAL):
         return f'node {node_id} is {canopen.state_word(node.state)}'
     return f'node {node_id} is present: does it answer SYNC (0x1800:02, 0x1005)? can_setup'
@@ -488,18 +499,15 @@ def _node_without_frames(scan: BusScan, node_id: int, node: HeardNode) -> str:
 def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
     """Return frames and nodes that are not configured."""
     ours = {(layout.extended, layout.can_id) for layout, _ in expected.encoders}
-    ours |= {
-        (False, each)
-        for each in (canopen.NMT_ID, scan.sync_id, *expected.frames)
-        if each is not None
-    }
+    ours.add((False, canopen.NMT_ID))
+    ours |= {(False, identifier) for identifier in expected.frames}
+    if scan.sync_id is not None:
+        ours.add((False, scan.sync_id))
     # Heartbeats, emergencies and SDO answers are listed with their nodes.
-    ours |= {
-        (False, base + node_id)
-        for node_id in scan.nodes
-        for base in canopen.NODE_FRAMES
-        if base not in canopen.TPDO_BASES
-    }
+    for node_id in scan.nodes:
+        for base in canopen.NODE_FRAMES:
+            if base not in canopen.TPDO_BASES:
+                ours.add((False, base + node_id))
     found = [
         f'unexpected: 0x{key[1]:X} ({_frame_name(*key)})'
         for key in sorted(scan.frames.keys() - ours)

@@ -59,7 +59,9 @@ SAMPLE_ANGLES = tuple(2.0 * math.pi * j / SAMPLES for j in range(SAMPLES))
 ETA = 0.5 * math.pi + math.pi * np.arange(SAMPLES)[:, None] / SAMPLES
 POWERS = np.arange(SAMPLES)
 # Matrix from the samples to the ascending coefficients of the polynomial in t, (9, 9), unit 1.
-HALF_ANGLE_MATRIX = np.linalg.inv(np.cos(ETA) ** (8 - POWERS) * np.sin(ETA) ** POWERS)
+COSINE_POWERS = np.cos(ETA) ** (8 - POWERS)
+SINE_POWERS = np.sin(ETA) ** POWERS
+HALF_ANGLE_MATRIX = np.linalg.inv(COSINE_POWERS * SINE_POWERS)
 # Largest |Z2k . Z3k - cos beta| of an assembly mode (unit 1): far above rounding, so that modes
 # which just meet at a singularity are found, and far below 1e-9, the accuracy of forward_all.
 CLOSURE_TOLERANCE = 1e-12
@@ -82,11 +84,29 @@ MERGING_ANGLE = 1e-3
 # Smallest difference between the distances of two distinguishable modes from the last orientation
 # (rad): the platform turns about this far between samples at 1 kHz (10 rad/s).
 AMBIGUITY_MARGIN = 0.01
-# Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1), which is zero
-# where two modes meet.
-Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
 # Two turn equations in one angle, from cosine and sine of another.
 TurnEquations: TypeAlias = Callable[[float, float], tuple[Vector[float], Vector[float]]]
+
+
+class Mode(NamedTuple):
+    """
+    An assembly mode.
+
+    Attributes
+    ----------
+    quaternion : tuple of 4 float
+        Orientation of the platform, x, y, z, w.
+    th2a, th3a : float
+        Passive angles of leg A, rad.
+    determinant : float
+        Of the closures' rates (unit 1): zero where two modes meet.
+
+    """
+
+    quaternion: Quaternion[float]
+    th2a: float
+    th3a: float
+    determinant: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,23 +132,27 @@ class LockedChain(Generic[N]):
     @classmethod
     def of(cls, th1: Sequence[N], g: Geometry, m: Backend[N]) -> LockedChain[N]:
         """Return the chain of th1A, th1B, th1C (rad) of a Geometry; nothing is validated."""
-        c1 = m.cos(th1[0])
-        s1 = m.sin(th1[0])
+        th1a, *others = th1
+        c1 = m.cos(th1a)
+        s1 = m.sin(th1a)
+        seconds = []
+        for angle, carried in zip(others, g.carried, strict=True):
+            cosine = m.cos(angle)
+            sine = m.sin(angle)
+            seconds.append(second_in_second_joint(c1, s1, cosine, sine, carried))
         return cls(
-            th1[0],
-            tuple(
-                second_in_second_joint(c1, s1, m.cos(angle), m.sin(angle), carried)
-                for angle, carried in zip(th1[1:], g.carried, strict=True)
-            ),
-            g,
+            th1a=th1a,
+            seconds=tuple(seconds),
+            g=g,
         )
 
     def turn_equations(self, c: N, s: N) -> tuple[Vector[N], Vector[N]]:
         """Eqs. 1 and 2: (L, M, N) of legs B and C for th3A, from cosine and sine of th2A."""
-        first, second = (
-            turn_equation(into_third_joint(c, s, axis, self.g), carried.third, carried.cos_beta)
-            for axis, carried in zip(self.seconds, self.g.carried, strict=True)
-        )
+        equations = []
+        for axis, carried in zip(self.seconds, self.g.carried, strict=True):
+            before = into_third_joint(c, s, axis, self.g)
+            equations.append(turn_equation(before, carried.third, carried.cos_beta))
+        first, second = equations
         return first, second
 
     def closures(self: LockedChain[float], th2a: float, th3a: float) -> list[float]:
@@ -182,19 +206,25 @@ def eliminant_roots(equations: TurnEquations) -> list[float] | None:
     samples = []
     size = 0.0
     for angle in SAMPLE_ANGLES:
-        first, second = equations(math.cos(angle), math.sin(angle))
+        cosine = math.cos(angle)
+        first, second = equations(cosine, math.sin(angle))
         samples.append(eliminant(first, second))
-        size = max(size, math.hypot(*first) ** 2 * math.hypot(*second) ** 2)
+        sizes = math.hypot(*first) ** 2 * math.hypot(*second) ** 2
+        size = max(size, sizes)
     largest = max(range(SAMPLES), key=lambda j: abs(samples[j]))
     if abs(samples[largest]) <= SELF_MOTION * size:
         return None
-    coefficients = HALF_ANGLE_MATRIX @ np.array(samples[largest:] + samples[:largest])
+    # The largest one first: it is the coefficient of t^8, which must not vanish.
+    ordered = samples[largest:] + samples[:largest]
+    coefficients = HALF_ANGLE_MATRIX @ np.array(ordered)
     infinity = SAMPLE_ANGLES[largest]
-    return [
-        infinity + math.pi + 2.0 * math.atan(t.real)
-        for t in np.roots(coefficients[::-1]).tolist()
-        if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2)
-    ]
+    found = []
+    for t in np.roots(coefficients[::-1]).tolist():
+        # Of a pair of conjugate roots, one is enough.
+        if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2):
+            half = math.atan(t.real)
+            found.append(infinity + math.pi + 2.0 * half)
+    return found
 
 
 def common_turns(first: Vector[float], second: Vector[float]) -> Sequence[float]:
@@ -204,7 +234,9 @@ def common_turns(first: Vector[float], second: Vector[float]) -> Sequence[float]
     size2 = math.hypot(*second[:2])
     if abs(determinant) > PARALLEL_EQUATIONS * size1 * size2:
         return [math.atan2(sine * determinant, cosine * determinant)]
-    return both_turns(first if size1 > size2 else second)
+    if size1 > size2:
+        return both_turns(first)
+    return both_turns(second)
 
 
 def polish(
@@ -259,20 +291,24 @@ def assembly_modes(chain: LockedChain[float]) -> list[Mode]:
             th2a, th3a, error, determinant = polish(chain, root, candidate)
             if error > CLOSURE_TOLERANCE:
                 continue
-            mode = chain.quaternion(th2a, th3a), th2a, th3a, determinant
-            if not any(_same_mode(chain, mode, other) for other in modes):
+            mode = Mode(
+                quaternion=chain.quaternion(th2a, th3a),
+                th2a=th2a,
+                th3a=th3a,
+                determinant=determinant,
+            )
+            if not any(_same_mode(chain, mode, known) for known in modes):
                 modes.append(mode)
     return modes
 
 
 def _same_mode(chain: LockedChain[float], mode: Mode, other: Mode) -> bool:
     """Return whether two solutions are one mode: half-way between them the legs close as well."""
-    if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
+    if rotation_distance(mode.quaternion, other.quaternion) > MERGING_ANGLE:
         return False
-    _, th2a, th3a, _ = mode
-    half2 = 0.5 * math.remainder(other[1] - th2a, 2.0 * math.pi)
-    half3 = 0.5 * math.remainder(other[2] - th3a, 2.0 * math.pi)
-    fb, _, _, fc, _, _ = chain.closures(th2a + half2, th3a + half3)
+    half2 = 0.5 * math.remainder(other.th2a - mode.th2a, 2.0 * math.pi)
+    half3 = 0.5 * math.remainder(other.th3a - mode.th3a, 2.0 * math.pi)
+    fb, _, _, fc, _, _ = chain.closures(mode.th2a + half2, mode.th3a + half3)
     return math.hypot(fb, fc) < ROUNDING
 
 
@@ -302,8 +338,11 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
         The platform moves freely with these joints locked: infinitely many modes.
 
     """
-    modes = assembly_modes(checked_chain(th1, geometry))
-    return np.array([rotation_from_quaternion(*mode[0]) for mode in modes]).reshape(-1, 3, 3)
+    chain = checked_chain(th1, geometry)
+    rotations = []
+    for mode in assembly_modes(chain):
+        rotations.append(rotation_from_quaternion(*mode.quaternion))
+    return np.array(rotations).reshape(-1, 3, 3)
 
 
 # Along a motion ----------------------------------------------------------------------------------
@@ -396,16 +435,20 @@ def track_mode(
     if matrix.ndim != 2:
         raise InputError(f'last has shape {matrix.shape}: expected one rotation, (3, 3)')
     x, y, z, w = quaternion_from_matrix(matrix).tolist()
-    modes = sorted(
-        (rotation_distance(mode[0], (x, y, z, w)), mode[0], mode[3])
-        for mode in assembly_modes(chain)
-    )
+    before = (x, y, z, w)
+
+    def order(mode: Mode) -> tuple[float, Quaternion[float]]:
+        return rotation_distance(mode.quaternion, before), mode.quaternion
+
+    modes = sorted(assembly_modes(chain), key=order)
     if not modes:
         raise UnreachableError(f'th1 = {np.asarray(th1).tolist()} rad: no assembly mode closes')
-    distance, quaternion, determinant = modes[0]
+    nearest = modes[0]
     # Where two modes merged into one the rates are parallel, to the root of the rounding.
-    ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
-        len(modes) > 1 and modes[1][0] - distance < AMBIGUITY_MARGIN
-    )
-    rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)
-    return TrackedMode(rotation, ambiguous)
+    ambiguous = abs(nearest.determinant) < math.sqrt(ROUNDING)
+    if len(modes) > 1:
+        distance = rotation_distance(nearest.quaternion, before)
+        next_distance = rotation_distance(modes[1].quaternion, before)
+        ambiguous = ambiguous or next_distance - distance < AMBIGUITY_MARGIN
+    rotation = np.array(rotation_from_quaternion(*nearest.quaternion))
+    return TrackedMode(rotation.reshape(3, 3), ambiguous)

@@ -11,9 +11,11 @@ import numbers
 import sys
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.exceptions import GeometryError, InputError, quoted
 from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.kinematics.number_backends import Array, Vector
+from spm_haptic_master.kinematics.vectors import cross
 
 Shape = tuple[int, ...]
 WorkingMode = tuple[int, int, int]
@@ -73,11 +75,19 @@ def check_array(name: str, value: object, shape: Shape, largest: float = LARGEST
         with np.errstate(over='ignore'):
             array = array.astype(float)
     if not _all_within(array, largest):
-        where = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= largest))[0])
-        finite = largest == LARGEST_NUMBER
-        expected = 'a finite number' if finite else f'{largest:g} or less in size'
+        is_wrong = ~(np.abs(array) <= largest)
+        where = first_index(is_wrong)
+        expected = f'{largest:g} or less in size'
+        if largest == LARGEST_NUMBER:
+            expected = 'a finite number'
         raise InputError(f'{name}: entry {where} is {array[where]}, expected {expected}')
     return array
+
+
+def first_index(wanted: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Return the index of the first entry that is True."""
+    index: list[int] = np.argwhere(wanted)[0].tolist()
+    return tuple(index)
 
 
 def _real_numbers(value: object) -> Array | None:
@@ -88,7 +98,9 @@ def _real_numbers(value: object) -> Array | None:
         array = np.asarray(value)
     except Exception:  # a ragged list; a foreign type may raise anything
         return None
-    return array if array.dtype.kind in 'fiu' else None
+    if array.dtype.kind not in 'fiu':
+        return None
+    return array
 
 
 def _all_within(array: Array, largest: float) -> bool:
@@ -106,17 +118,18 @@ def check_angles(name: str, value: object, shape: Shape) -> Array:
 
 def check_count(name: str, value: object, least: int, most: int) -> int:
     """Return `value` as an int from `least` to `most`; InputError if it is none."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, numbers.Integral)
-        or not (least <= int(value) <= most)
-    ):
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        number = None
+    else:
+        number = int(value)
+    if number is None or not least <= number <= most:
         raise InputError(f'{name} = {quoted(value)}: expected an integer from {least} to {most}')
-    return int(value)
+    return number
 
 
 def _open(shape: Shape) -> str:
-    return '(' + ', '.join(['...', *map(str, shape)]) + ')'
+    dimensions = ['...', *map(str, shape)]
+    return '(' + ', '.join(dimensions) + ')'
 
 
 def check_rotations(name: str, value: object) -> Array:
@@ -124,13 +137,15 @@ def check_rotations(name: str, value: object) -> Array:
     matrices = check_array(name, value, (3, 3))
     # Entries far above 1 may overflow: the error is then infinite or NaN, and the check fails.
     with np.errstate(over='ignore', invalid='ignore'):
-        error = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
+        products = np.swapaxes(matrices, -1, -2) @ matrices
+        error = np.abs(products - np.eye(3)).max(axis=(-1, -2))
         determinant = np.linalg.det(matrices)
     bad = ~(error <= ROTATION_TOLERANCE) | (determinant < 0.0)
     if np.any(bad):
-        where = tuple(int(i) for i in np.argwhere(bad)[0])
+        where = first_index(bad)
+        place = list(where) if where else ''
         raise InputError(
-            f'{name}{list(where) if where else ""} = {matrices[where].tolist()}: expected a '
+            f'{name}{place} = {matrices[where].tolist()}: expected a '
             f'rotation matrix (largest entry of R^T R - I is {error[where]:.3g}, at most '
             f'{ROTATION_TOLERANCE:g}; determinant {determinant[where]:.6g}, +1)'
         )
@@ -143,15 +158,18 @@ def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
         signs = tuple(working_mode)
     except TypeError:  # not iterable
         signs = ()
-    if len(signs) != 3 or not all(
-        isinstance(sign, numbers.Real) and not isinstance(sign, bool) and sign in (1, -1)
-        for sign in signs
-    ):
+    if len(signs) != 3 or not all(map(_is_sign, signs)):
         raise InputError(
             f'working_mode = {quoted(working_mode)}: expected three signs, each +1 or -1'
         )
     first, second, third = signs
     return int(first), int(second), int(third)
+
+
+def _is_sign(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return False
+    return value in (1, -1)
 
 
 def check_broadcast(names: str, *shapes: Shape) -> Shape:
@@ -161,9 +179,8 @@ def check_broadcast(names: str, *shapes: Shape) -> Shape:
     try:
         common: Shape = np.broadcast_shapes(*shapes)
     except ValueError:
-        raise InputError(
-            f'{names}: batch shapes {", ".join(map(str, shapes))} do not broadcast'
-        ) from None
+        listed = ', '.join(map(str, shapes))
+        raise InputError(f'{names}: batch shapes {listed} do not broadcast') from None
     return common
 
 
@@ -193,10 +210,10 @@ def _check(name: str, value: object, shape: tuple[int, ...]) -> Array:
 
 def check_links(name: str, angles: object) -> Vector[float]:
     """Return the link angles of three legs, rad; GeometryError if they are none."""
-    first, second, third = (
-        check_angle(f'{name} of leg {LEG_NAMES[leg]}', angle)
-        for leg, angle in enumerate(_check(name, angles, (3,)).tolist())
-    )
+    links = []
+    for leg, angle in zip(LEG_NAMES, _check(name, angles, (3,)).tolist(), strict=True):
+        links.append(check_angle(f'{name} of leg {leg}', angle))
+    first, second, third = links
     return first, second, third
 
 
@@ -214,15 +231,16 @@ def check_axes(name: str, axes: object, symbol: str, nominal: ThreeAxes) -> Thre
         unit.append((x, y, z))
     apart = f'expected {math.degrees(LEAST_ANGLE):g} deg or more between them'
     for leg, other in ((0, 1), (1, 2), (2, 0)):
-        (x, y, z), (u, v, w) = unit[leg], unit[other]
-        sine = math.hypot(y * w - z * v, z * u - x * w, x * v - y * u)
+        sine = math.hypot(*cross(unit[leg], unit[other]))
         if sine < math.sin(LEAST_ANGLE):
+            angle = math.degrees(math.asin(sine))
             raise GeometryError(
                 f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '
-                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, {apart}'
+                f'parallel to {angle:.3g} deg, {apart}'
             )
     for letter, axis, drawn in zip(LEG_NAMES, unit, nominal, strict=True):
-        if math.dist(axis, [-component for component in drawn]) < LEAST_ANGLE:
+        opposite = [-component for component in drawn]
+        if math.dist(axis, opposite) < LEAST_ANGLE:
             raise GeometryError(
                 f'{name}: {symbol}{letter} = {list(axis)} is opposite to '
                 f'{list(drawn)}: {apart}, or the joint has no zero'

@@ -201,29 +201,29 @@ def _in_slices(
     if rows <= SLICE:
         return case(*columns, geometry)
     result = np.empty((rows, 3, 3))
-    columns = tuple(np.broadcast_to(each, shape).ravel() for each in columns)
+    flat = [np.broadcast_to(column, shape).ravel() for column in columns]
     for start in range(0, rows, SLICE):
         part = slice(start, start + SLICE)
-        result[part] = case(*(each[part] for each in columns), geometry)
+        of_part = [column[part] for column in flat]
+        result[part] = case(*of_part, geometry)
     return result.reshape(shape + (3, 3))
 
 
 def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geometry) -> Array:
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, ARRAYS)
     y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
-    return stack_matrix(
-        rotation_from_quaternion(
-            *half_chain_quaternion(th1a, *ARRAYS.half_turn(y, x), th3a, geometry, ARRAYS)
-        )
-    )
+    c, s = ARRAYS.half_turn(y, x)
+    quaternion = half_chain_quaternion(th1a, c, s, th3a, geometry, ARRAYS)
+    return stack_matrix(rotation_from_quaternion(*quaternion))
 
 
 def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geometry) -> Array:
     chain = LockedChain.of((th1a, th1b, th1c), geometry, ARRAYS)
-    y, x = _common_turn_point(common_turn(*chain.turn_equations(np.cos(th2a), np.sin(th2a))))
-    return stack_matrix(
-        rotation_from_quaternion(*chain_quaternion(th1a, th2a, np.arctan2(y, x), geometry, ARRAYS))
-    )
+    first, second = chain.turn_equations(np.cos(th2a), np.sin(th2a))
+    y, x = _common_turn_point(common_turn(first, second))
+    th3a = np.arctan2(y, x)
+    quaternion = chain_quaternion(th1a, th2a, th3a, geometry, ARRAYS)
+    return stack_matrix(rotation_from_quaternion(*quaternion))
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
@@ -249,15 +249,14 @@ def trusted_start(
 ) -> State[float] | None:
     """Return the start by the first leg that determines it; `largest` sigma in rad."""
     for leg, first, third, equations in _carriers(readings, g):
-        cosine, sine, determinant = max(
-            (common_turn(*pair) for pair in combinations(equations, 2)),
-            key=lambda turn: abs(turn[2]),
-        )
+        turns = [common_turn(*pair) for pair in combinations(equations, 2)]
+        cosine, sine, determinant = max(turns, key=lambda turn: abs(turn[2]))
         if abs(determinant) > CLOSED_FORM_TRUST * largest:
             th2 = math.atan2(sine * determinant, cosine * determinant)
             # The noise may carry another leg beyond its reach.
             with suppress(UnreachableError):
-                return start_at(carried_by(leg, first, th2, third), readings, g)
+                rotation = carried_by(leg, first, th2, third)
+                return start_at(rotation, readings, g)
     return None
 
 
@@ -274,10 +273,12 @@ def possible_starts(
     for leg, first, third, equations in _carriers(readings, g):
         for equation in equations:
             for th2 in both_turns(equation):
-                if any(abs(residual(each, th2)) > largest for each in equations):
+                misfits = [abs(residual(other, th2)) for other in equations]
+                if max(misfits) > largest:
                     continue
                 with suppress(UnreachableError):
-                    yield start_at(carried_by(leg, first, th2, third), readings, g)
+                    rotation = carried_by(leg, first, th2, third)
+                    yield start_at(rotation, readings, g)
 
 
 def _carriers(
@@ -395,7 +396,8 @@ def _active_angle(
         return th1
     if th3 is None:
         return 0.0
-    return _fitting_angles(rotation, leg, None, th3)[0]
+    found, _, _ = _fitting_angles(rotation, leg, None, th3)
+    return found
 
 
 def _fitting_angles(
@@ -407,10 +409,13 @@ def _fitting_angles(
     """Return a leg's joint angles, rad, in the working mode that fits the readings best."""
 
     def misfit(solution: Vector[float]) -> float:
-        return sum(
-            abs(math.remainder(angle - reading, 2.0 * math.pi))
-            for angle, reading in ((solution[0], th1), (solution[2], th3))
-            if reading is not None
-        )
+        found_1, _, found_3 = solution
+        total = 0.0
+        if th1 is not None:
+            total += abs(math.remainder(found_1 - th1, 2.0 * math.pi))
+        if th3 is not None:
+            total += abs(math.remainder(found_3 - th3, 2.0 * math.pi))
+        return total
 
-    return min((leg_angles(rotation, leg, sign, FLOATS) for sign in (1, -1)), key=misfit)
+    solutions = [leg_angles(rotation, leg, sign, FLOATS) for sign in (1, -1)]
+    return min(solutions, key=misfit)

@@ -18,7 +18,6 @@ turned by k 120 deg about z for Q_k. Nominal axes give the nominal frames.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any
@@ -33,11 +32,23 @@ from spm_haptic_master.kinematics.rotations import (
     multiply_quaternions,
     rotation_from_quaternion,
 )
+from spm_haptic_master.kinematics.vectors import times
 
 # Angle between neighbouring platform axes about Z_E (rad).
 THIRD_OF_A_TURN = 2.0 * math.pi / 3.0
 # Nominal base axes Z1A, Z1B, Z1C, in the base frame.
-NOMINAL_BASE_AXES: ThreeAxes = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+NOMINAL_BASE_AXES: ThreeAxes = (
+    (0.0, 0.0, 1.0),
+    (1.0, 0.0, 0.0),
+    (0.0, 1.0, 0.0),
+)
+# The quaternions that are all others' sum, x, y, z, w.
+UNIT_QUATERNIONS: tuple[Quaternion[float], ...] = (
+    (1.0, 0.0, 0.0, 0.0),
+    (0.0, 1.0, 0.0, 0.0),
+    (0.0, 0.0, 1.0, 0.0),
+    (0.0, 0.0, 0.0, 1.0),
+)
 # Turns of leg k's frame N_k in the base: none, 120 and 240 deg about (1, 1, 1).
 BASE_TURNS: tuple[Quaternion[float], ...] = (
     (0.0, 0.0, 0.0, 1.0),
@@ -117,14 +128,16 @@ class Carried:
     zero: LinkTurn
 
 
-def leg_frame(turn: Quaternion[float], axis: Sequence[float]) -> Quaternion[float]:
+def leg_frame(turn: Quaternion[float], axis: Vector[float]) -> Quaternion[float]:
     """Turn a leg's frame N_k by the smallest rotation that takes its z to an axis."""
-    rows = rotation_from_quaternion(*conjugate(turn))
-    x, y, z = (sum(rows[3 * i + j] * axis[j] for j in range(3)) for i in range(3))
+    x, y, z = times(rotation_from_quaternion(*conjugate(turn)), axis)
     sine = math.hypot(x, y)
     half = 0.5 * math.atan2(sine, z)
-    scale = math.sin(half) / sine if sine > 0.0 else 0.0
-    return multiply_quaternions(turn, (-scale * y, scale * x, 0.0, math.cos(half)))
+    scale = 0.0
+    if sine > 0.0:
+        scale = math.sin(half) / sine
+    to_axis = (-scale * y, scale * x, 0.0, math.cos(half))
+    return multiply_quaternions(turn, to_axis)
 
 
 def leg_constants(
@@ -235,20 +248,19 @@ class Geometry:
         alpha = check_angle('alpha', alpha)
         beta = check_angle('beta', beta)
         gamma = check_angle('gamma', gamma)
-        first, second, third = (
-            (
-                -math.sin(gamma) * math.sin(k * THIRD_OF_A_TURN),
-                math.sin(gamma) * math.cos(k * THIRD_OF_A_TURN),
-                math.cos(gamma),
-            )
-            for k in range(3)
-        )
+        axes = []
+        for k in range(3):
+            angle = k * THIRD_OF_A_TURN
+            x = -math.sin(gamma) * math.sin(angle)
+            y = math.sin(gamma) * math.cos(angle)
+            axes.append((x, y, math.cos(gamma)))
+        first, second, third = axes
         self._set(
-            (alpha,) * 3,
-            (beta,) * 3,
-            NOMINAL_BASE_AXES,
-            (first, second, third),
-            (alpha, beta, gamma),
+            alphas=(alpha,) * 3,
+            betas=(beta,) * 3,
+            base_axes=NOMINAL_BASE_AXES,
+            platform_axes=(first, second, third),
+            nominal=(alpha, beta, gamma),
         )
 
     @classmethod
@@ -299,7 +311,13 @@ class Geometry:
             nominal=((0.0, 0.0, 1.0),) * 3,
         )
         geometry = object.__new__(cls)
-        geometry._set(check_links('alpha', alpha), check_links('beta', beta), base, platform, None)
+        geometry._set(
+            alphas=check_links('alpha', alpha),
+            betas=check_links('beta', beta),
+            base_axes=base,
+            platform_axes=platform,
+            nominal=None,
+        )
         return geometry
 
     def _set(
@@ -311,22 +329,18 @@ class Geometry:
         nominal: Vector[float] | None,
     ) -> None:
         """Set all attributes from checked link angles and axes."""
-        in_base, in_platform = (
-            [leg_frame(turn, axis) for turn, axis in zip(turns, axes, strict=True)]
-            for turns, axes in ((BASE_TURNS, base_axes), (PLATFORM_TURNS, platform_axes))
-        )
+        in_base = list(map(leg_frame, BASE_TURNS, base_axes))
+        in_platform = list(map(leg_frame, PLATFORM_TURNS, platform_axes))
         leg_a, leg_b, leg_c = map(leg_constants, alphas, betas, in_base, in_platform)
-        difference = betas[0] - alphas[0]
-        total = alphas[0] + betas[0]
-        columns = [
-            multiply_quaternions(multiply_quaternions(in_base[0], unit), conjugate(in_platform[0]))
-            for unit in (
-                (1.0, 0.0, 0.0, 0.0),
-                (0.0, 1.0, 0.0, 0.0),
-                (0.0, 0.0, 1.0, 0.0),
-                (0.0, 0.0, 0.0, 1.0),
-            )
-        ]
+        half_difference = 0.5 * (betas[0] - alphas[0])
+        half_total = 0.5 * (alphas[0] + betas[0])
+        columns = []
+        for unit in UNIT_QUATERNIONS:
+            turned = multiply_quaternions(in_base[0], unit)
+            columns.append(multiply_quaternions(turned, conjugate(in_platform[0])))
+        chain: list[float] = []
+        for row in range(4):
+            chain += [column[row] for column in columns]
         values: dict[str, Any] = {
             'alphas': alphas,
             'betas': betas,
@@ -336,12 +350,12 @@ class Geometry:
             'legs': (leg_a, leg_b, leg_c),
             'carried': (carried_constants(leg_b, leg_a), carried_constants(leg_c, leg_a)),
             'half_angles': (
-                math.cos(0.5 * total),
-                math.sin(0.5 * total),
-                math.cos(0.5 * difference),
-                math.sin(0.5 * difference),
+                math.cos(half_total),
+                math.sin(half_total),
+                math.cos(half_difference),
+                math.sin(half_difference),
             ),
-            'chain': tuple(column[row] for row in range(4) for column in columns),
+            'chain': tuple(chain),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -421,14 +435,23 @@ def in_usual_frames(geometry: Geometry, nominal: Geometry = PAPER_GEOMETRY) -> G
     """
     check_geometry(geometry)
     check_geometry(nominal, 'nominal')
-    first, second, _ = axes = np.array(geometry.base_axes)
+    axes = np.array(geometry.base_axes)
+    first, second, _ = axes
     x = second - (second @ first) * first
     x /= np.linalg.norm(x)
     base = np.stack([x, np.cross(first, x), first])
     built = np.array(geometry.platform_axes)
-    left, _, right = np.linalg.svd(np.array(nominal.platform_axes).T @ built)
-    platform = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    wanted = np.array(nominal.platform_axes)
+    left, _, right = np.linalg.svd(wanted.T @ built)
+    handedness = np.linalg.det(left @ right)
+    platform = left @ np.diag([1.0, 1.0, handedness]) @ right
     moved = axes @ base.T
     # Exactly so, and not to rounding.
-    moved[0], moved[1, 1] = (0.0, 0.0, 1.0), 0.0
-    return Geometry.from_axes(moved, built @ platform.T, geometry.alphas, geometry.betas)
+    moved[0] = (0.0, 0.0, 1.0)
+    moved[1, 1] = 0.0
+    return Geometry.from_axes(
+        base_axes=moved,
+        platform_axes=built @ platform.T,
+        alpha=geometry.alphas,
+        beta=geometry.betas,
+    )

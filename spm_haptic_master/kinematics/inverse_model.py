@@ -91,11 +91,10 @@ def mechanism_angles(
         A leg does not reach the pose.
 
     """
-    return tuple(
-        angle
-        for leg, sign in zip(geometry.legs, working_mode, strict=True)
-        for angle in leg_angles(rotation, leg, sign, FLOATS)
-    )
+    angles: list[float] = []
+    for leg, sign in zip(geometry.legs, working_mode, strict=True):
+        angles += leg_angles(rotation, leg, sign, FLOATS)
+    return tuple(angles)
 
 
 def measured_angles(
@@ -126,7 +125,9 @@ def measured_angles(
 
     """
     angles = mechanism_angles(rotation, geometry, working_mode)
-    return (angles[::3] + angles[2::3])[:sensors]
+    of_first_joints = angles[::3]
+    of_third_joints = angles[2::3]
+    return (of_first_joints + of_third_joints)[:sensors]
 
 
 def inverse(
@@ -174,14 +175,15 @@ def inverse(
 def batch_angles(matrices: Array, geometry: Geometry, working_mode: WorkingMode) -> JointAngles:
     """Return `inverse` of a batch; nothing is validated."""
     rotation = unstack_matrix(matrices)
-    (th1a, th2a, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
-        leg_angles(rotation, leg, sign, ARRAYS)
-        for leg, sign in zip(geometry.legs, working_mode, strict=True)
-    )
-    angles: tuple[Batch, ...] = th1a, th1b, th1c, th2a, th3a, th3b, th3c
+    found = []
+    for leg, sign in zip(geometry.legs, working_mode, strict=True):
+        found.append(leg_angles(rotation, leg, sign, ARRAYS))
+    (th1a, th2a, th3a), (th1b, _, th3b), (th1c, _, th3c) = found
+    angles: tuple[Batch, ...] = (th1a, th1b, th1c, th2a, th3a, th3b, th3c)
     unreachable = np.isnan(sum(angles))
     th1a, th1b, th1c, *passive = (np.where(unreachable, np.nan, angle) for angle in angles)
-    return JointAngles(np.stack([th1a, th1b, th1c], axis=-1), *passive)
+    theta1 = np.stack([th1a, th1b, th1c], axis=-1)
+    return JointAngles(theta1, *passive)
 
 
 # Jacobians ---------------------------------------------------------------------------------------
@@ -207,15 +209,15 @@ def velocity_rows(
         Unit 1.
 
     """
-    seconds = [
-        second_axis(m.cos(angle), m.sin(angle), leg)
-        for angle, leg in zip(th1, g.legs, strict=True)
-    ]
-    active = list(map(cross, seconds, third_axes(rotation, g)))
-    passive = [cross(leg.first, second) for leg, second in zip(g.legs, seconds, strict=True)]
-    return active + passive, 2 * [
-        dot(row, leg.first) for row, leg in zip(active, g.legs, strict=True)
-    ]
+    seconds = []
+    for angle, leg in zip(th1, g.legs, strict=True):
+        seconds.append(second_axis(m.cos(angle), m.sin(angle), leg))
+    thirds = third_axes(rotation, g)
+    active = list(map(cross, seconds, thirds))
+    firsts = [leg.first for leg in g.legs]
+    passive = list(map(cross, firsts, seconds))
+    volumes = list(map(dot, active, firsts))
+    return active + passive, 2 * volumes
 
 
 def _velocity_rows_of(
@@ -224,8 +226,10 @@ def _velocity_rows_of(
     working_mode: Sequence[int],
 ) -> VelocityRows[Batch]:
     """Return the `velocity_rows` of checked poses; NaN out of reach."""
-    th1a, th1b, th1c = np.moveaxis(inverse(matrices, geometry, working_mode).theta1, -1, 0)
-    return velocity_rows(unstack_matrix(matrices), (th1a, th1b, th1c), geometry, ARRAYS)
+    angles = inverse(matrices, geometry, working_mode)
+    th1a, th1b, th1c = np.moveaxis(angles.theta1, -1, 0)
+    rotation = unstack_matrix(matrices)
+    return velocity_rows(rotation, (th1a, th1b, th1c), geometry, ARRAYS)
 
 
 def jacobian(
@@ -275,7 +279,8 @@ def jacobian(
         most=6,
     )
     vectors, volumes = _velocity_rows_of(matrices, geometry, working_mode)
-    rows = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors], axis=-2)
+    stacked = [np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors]
+    rows = np.stack(stacked, axis=-2)
     diagonal = np.stack(np.broadcast_arrays(*volumes), axis=-1)
     boundary = np.any(np.abs(diagonal) < MODE_BOUNDARY, axis=-1)
     if matrices.ndim == 2 and boundary:
@@ -320,7 +325,8 @@ def parallel_determinant(
 
     """
     matrices = check_rotations('R', R)
-    (row_a, row_b, row_c, *_), _ = _velocity_rows_of(matrices, geometry, working_mode)
+    vectors, _ = _velocity_rows_of(matrices, geometry, working_mode)
+    row_a, row_b, row_c = vectors[:3]
     return cast('Array', dot(row_a, cross(row_b, row_c)))
 
 
@@ -355,5 +361,7 @@ def dexterity(
     G = jacobian(R, geometry, working_mode, sensors)
     known = np.all(np.isfinite(G), axis=(-1, -2))
     # LAPACK does not accept NaN: such poses get a substitute here, and NaN again at the end.
-    values = np.linalg.svd(np.where(known[..., None, None], G, 1.0), compute_uv=False)
-    return np.where(known, values[..., 2] / values[..., 0], np.nan)
+    substituted = np.where(known[..., None, None], G, 1.0)
+    values = np.linalg.svd(substituted, compute_uv=False)
+    ratio = values[..., 2] / values[..., 0]
+    return np.where(known, ratio, np.nan)

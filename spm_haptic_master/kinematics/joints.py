@@ -29,7 +29,11 @@ MECHANISM_JOINT_NAMES = tuple(f'joint_{number}{leg}' for leg in 'abc' for number
 LEG_NAMES = 'ABC'
 
 # Numbers of sensors, in words.
-NUMBER_WORDS = {4: 'four', 5: 'five', 6: 'six'}
+NUMBER_WORDS = {
+    4: 'four',
+    5: 'five',
+    6: 'six',
+}
 
 # Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
 # more than a reading has that says nothing.
@@ -74,14 +78,13 @@ class UsedSensors:
         sigma = self._checked_sigma()
         left_out = frozenset(self.left_out)
         used = self._checked_places(len(sigma), left_out)
-        weights = tuple(
-            1.0 / (sigma[place] * sigma[place]) if place in used else 0.0
-            for place in range(len(ALL_JOINT_NAMES))
-        )
+        weights = [0.0] * len(ALL_JOINT_NAMES)
+        for place in used:
+            weights[place] = 1.0 / (sigma[place] * sigma[place])
         values = {
             'sigma': sigma,
             'left_out': left_out,
-            'weights': weights,
+            'weights': tuple(weights),
             'used': used,
             'count': len(used),
             'largest': max(sigma[place] for place in used),

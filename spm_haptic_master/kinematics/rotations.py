@@ -23,6 +23,7 @@ from spm_haptic_master.kinematics.checks import (
     check_array,
     check_broadcast,
     check_rotations,
+    first_index,
 )
 from spm_haptic_master.kinematics.number_backends import (
     Array,
@@ -318,7 +319,7 @@ def matrix_from_quaternion(q: ArrayLike) -> Array:
         norm = np.linalg.norm(q, axis=-1, keepdims=True)
     bad = np.abs(norm[..., 0] - 1.0) > QUATERNION_NORM_TOLERANCE
     if np.any(bad):
-        where = tuple(int(i) for i in np.argwhere(bad)[0])
+        where = first_index(bad)
         raise InputError(
             f'q = {q[where].tolist()}: norm {norm[where][0]:.9g}, expected a unit quaternion'
         )
@@ -370,10 +371,13 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
         axis=-1,
     )
     products = products.reshape(products.shape[:-1] + (4, 4))
-    row = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
-    q: Array = np.take_along_axis(products, row[..., None, None], axis=-2)[..., 0, :]
+    diagonals = np.diagonal(products, axis1=-2, axis2=-1)
+    row = np.argmax(diagonals, axis=-1)
+    chosen: Array = np.take_along_axis(products, row[..., None, None], axis=-2)
+    q = chosen[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., 3:] < 0.0, -q, q)
+    unit: Array = np.where(q[..., 3:] < 0.0, -q, q)
+    return unit
 
 
 def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
@@ -396,10 +400,9 @@ def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
         An angle is not finite, or the shapes do not broadcast.
 
     """
-    psi, theta, phi = (
-        check_angles(name, angle, ())
-        for name, angle in (('psi', psi), ('theta', theta), ('phi', phi))
-    )
+    psi = check_angles('psi', psi, ())
+    theta = check_angles('theta', theta, ())
+    phi = check_angles('phi', phi, ())
     check_broadcast('psi, theta, phi', psi.shape, theta.shape, phi.shape)
     return stack_matrix(_zxz_rotation(psi, theta, phi, ARRAYS))
 
@@ -431,10 +434,12 @@ def zxz_from_matrix(R: ArrayLike) -> tuple[Array, Array, Array]:
 
 def wrapped(angle: Angle) -> Angle:
     """Return an angle or angles, rad, in [-pi, pi[."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+    turn = 2.0 * np.pi
+    return (angle + np.pi) % turn - np.pi
 
 
 def matrix_from_vector(vectors: Array) -> Array:
     """Return the rotations, shape (n, 3, 3), by rotation vectors, rad, shape (n, 3)."""
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
-    return matrix_from_quaternion(np.hstack([0.5 * vectors * np.sinc(half / np.pi), np.cos(half)]))
+    along = 0.5 * vectors * np.sinc(half / np.pi)
+    return matrix_from_quaternion(np.hstack([along, np.cos(half)]))

@@ -87,13 +87,14 @@ def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array
     tilts = check_angles('tilt', tilt, ())
     azimuths = check_angles('azimuth', azimuth, ())
     check_broadcast('tilt, azimuth', tilts.shape, azimuths.shape)
-    direction = (
-        np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
-        + np.sin(azimuths)[..., None] * TILT_DIRECTIONS[1]
-    )
+    along_0 = np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
+    along_90 = np.sin(azimuths)[..., None] * TILT_DIRECTIONS[1]
+    direction = along_0 + along_90
     axis = np.cos(tilts)[..., None] * CONE_AXIS + np.sin(tilts)[..., None] * direction
     x, y, z = np.moveaxis(axis, -1, 0)
-    return matrix_from_zxz(np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z), phi)
+    psi = np.arctan2(x, -y)
+    theta = np.arctan2(np.hypot(x, y), z)
+    return matrix_from_zxz(psi, theta, phi)
 
 
 def singularity_locus(
@@ -139,9 +140,9 @@ def singularity_locus(
         )
 
     def determinant(points: Array) -> Array:
-        return parallel_determinant(
-            workspace_pose(points[0], points[1], angle), geometry, working_mode
-        )
+        tilts, azimuths = points
+        poses = workspace_pose(tilts, azimuths, angle)
+        return parallel_determinant(poses, geometry, working_mode)
 
     low, high, side, _ = changes_of_sign(
         function=determinant,
@@ -171,23 +172,22 @@ def changes_of_sign(
     A point is tilt and azimuth, rad. Of n pairs, found along rays and circles, both points,
     (2, n), and both values, (n,), are returned.
     """
-    points = np.stack(
-        np.meshgrid(
-            np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays
-        )
-    )
+    tilts = np.linspace(0.0, half_angle, circles + 1)
+    azimuths = 2.0 * math.pi * np.arange(rays + 1) / rays
+    points = np.stack(np.meshgrid(tilts, azimuths))
     table = np.concatenate([points, function(points)[None]])
-    one, other = (
-        np.concatenate([part.reshape(3, -1) for part in parts], axis=1)
-        for parts in (
-            (table[:, :-1, :-1], table[:, :-1, 1:]),
-            (table[:, :-1, 1:], table[:, 1:, 1:]),
-        )
-    )
+    # Neighbours along each ray, then on each circle.
+    one = _joined(table[:, :-1, :-1], table[:, :-1, 1:])
+    other = _joined(table[:, :-1, 1:], table[:, 1:, 1:])
     changed = one[2] * other[2] < 0.0
     one = one[:, changed]
     other = other[:, changed]
     return one[:2], other[:2], one[2], other[2]
+
+
+def _joined(*tables: Array) -> Array:
+    """Return the points of several tables, shape (3, rays, circles), as one list, (3, n)."""
+    return np.concatenate([table.reshape(3, -1) for table in tables], axis=1)
 
 
 # One pose in plain floats, fast enough for a moving device ---------------------------------------
@@ -300,17 +300,20 @@ def nearness(
     rotation = rotation_from_quaternion(*quaternion)
     th1a, th1b, th1c = measured_angles(rotation, geometry, working_mode, 3)
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
-    jacobian = np.array(
-        [
-            [FLOATS.mode_reciprocal(b) * component for component in row]
-            for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)
-        ]
-    )
+    rates = []
+    for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True):
+        reciprocal = FLOATS.mode_reciprocal(b)
+        rates.append([reciprocal * component for component in row])
+    jacobian = np.array(rates)
     every = _dexterity(jacobian)
+    in_use = every
+    if left_out:
+        of_used = np.delete(jacobian, list(left_out), axis=0)
+        in_use = _dexterity(of_used)
     return Nearness(
         three=_dexterity(jacobian[:3]),
         every=every,
-        in_use=_dexterity(np.delete(jacobian, list(left_out), axis=0)) if left_out else every,
+        in_use=in_use,
     )
 
 
@@ -346,21 +349,22 @@ def approach(
     try:
         for _ in range(APPROACH_STEPS):
             turned = multiply_quaternions(quaternion_from_vector(x, y, z), quaternion)
-            value, gradient = determinant_gradient(
-                rotation_from_quaternion(*turned), geometry, working_mode
-            )
-            gx, gy, gz = gradient
-            along = (gx * x + gy * y + gz * z - value) / (gx * gx + gy * gy + gz * gz)
+            rotation = rotation_from_quaternion(*turned)
+            value, (gx, gy, gz) = determinant_gradient(rotation, geometry, working_mode)
+            squared = gx * gx + gy * gy + gz * gz
+            along = (gx * x + gy * y + gz * z - value) / squared
             last = x, y, z
             x = along * gx
             y = along * gy
             z = along * gz
-            if max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2])) < APPROACH_TOLERANCE:
+            change = max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2]))
+            if change < APPROACH_TOLERANCE:
                 break
         else:
             return None
     except (SpmError, ZeroDivisionError):
         return None
-    size = FLOATS.sqrt(gx * gx + gy * gy + gz * gz)
+    size = FLOATS.sqrt(squared)
     sign = 1.0 if along >= 0.0 else -1.0
-    return Approach(abs(along) * size, (sign * gx / size, sign * gy / size, sign * gz / size))
+    axis = (sign * gx / size, sign * gy / size, sign * gz / size)
+    return Approach(distance=abs(along) * size, axis=axis)

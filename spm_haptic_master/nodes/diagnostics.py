@@ -13,7 +13,11 @@ from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.kinematics import mechanism_angles
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import (
+    ALL_JOINT_NAMES,
+    MECHANISM_JOINT_NAMES,
+    SHORT_NAMES,
+)
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.kinematics.workspace import approach, Nearness, nearness
@@ -187,12 +191,15 @@ class Diagnostics(ParameterNode):
         self._last_received: float | None = None
         # Latest dexterities, of three and of all sensors; None without a usable orientation.
         self.dexterities: Nearness | None = None
+        further = SHORT_NAMES[3 : self.sensors]
+        names = ' '.join(f'th{name}' for name in further)
         self._message = Float64MultiArray()
         self._message.layout.dim = [
             MultiArrayDimension(
-                label='dexterity of 3 sensors (th1A th1B th1C), of '
-                f'{self.sensors} sensors '
-                f'(+ {" ".join(("th3A", "th3B", "th3C")[: self.sensors - 3])})',
+                label=(
+                    'dexterity of 3 sensors (th1A th1B th1C), of '
+                    f'{self.sensors} sensors (+ {names})'
+                ),
                 size=2,
                 stride=2,
             )
@@ -237,14 +244,13 @@ class Diagnostics(ParameterNode):
     def _on_state(self, message: String) -> None:
         """Store which sensors the orientation is computed without."""
         state = received_state(message.data)
-        self._left_out = tuple(
-            index
-            for index, name in enumerate(ALL_JOINT_NAMES[: self.sensors])
-            if name in state.left_out
-        )
-        if read_state(message.data):
-            self._unknown_state = ''
-        else:
+        left_out = []
+        for index, name in enumerate(ALL_JOINT_NAMES[: self.sensors]):
+            if name in state.left_out:
+                left_out.append(index)
+        self._left_out = tuple(left_out)
+        self._unknown_state = ''
+        if not read_state(message.data):
             self._unknown_state = state.text
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
@@ -261,7 +267,9 @@ class Diagnostics(ParameterNode):
             Protection level, rad: not used, but the followers of `fkm` get it.
 
         """
-        self._latest = self._latest_to_show = stamp, quaternion
+        orientation = (stamp, quaternion)
+        self._latest = orientation
+        self._latest_to_show = orientation
 
     def _evaluate(self) -> None:
         """
@@ -275,7 +283,8 @@ class Diagnostics(ParameterNode):
         now = time.monotonic()
         if latest is not None:
             self._last_received = now
-        if obstacle := self._rivals.found() or self._unknown_state:
+        obstacle = self._rivals.found() or self._unknown_state
+        if obstacle:
             self._report(ERROR, obstacle)
             return
         if latest is None:
@@ -284,12 +293,11 @@ class Diagnostics(ParameterNode):
             elif now - self._last_received > self._values['orientation_timeout']:
                 self._report(ERROR, 'no orientation')
             return
-        quaternion = self._unmounted(latest[1])
+        _, given = latest
+        quaternion = self._unmounted(given)
         if quaternion is None:
             self._report(
-                ERROR,
-                'the quaternion on orientation is not a unit quaternion',
-                quaternion=latest[1],
+                ERROR, 'the quaternion on orientation is not a unit quaternion', quaternion=given
             )
             return
         try:
@@ -300,31 +308,28 @@ class Diagnostics(ParameterNode):
             self._report(ERROR, 'outside the working mode', error=str(error))
             return
         self.dexterities = dexterities
-        self._message.data = dexterities[:2]
+        self._message.data = [dexterities.three, dexterities.every]
         self._publisher.publish(self._message)
         text = self.levels.take(dexterities.three, dexterities.in_use)
         if self._status.is_due(self.levels.level, text):
-            self._status.publish(self.levels.level, text, self._figures(quaternion, dexterities))
+            figures = self._figures(quaternion, dexterities)
+            self._status.publish(self.levels.level, text, figures)
 
     def _publish_joints(self) -> None:
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
         latest = self._latest_to_show
         self._latest_to_show = None
-        if (
-            latest is None
-            or not self._joints_out.get_subscription_count()
-            or self._rivals.found()
-            or self._unknown_state
-        ):
+        if latest is None or not self._joints_out.get_subscription_count():
+            return
+        if self._rivals.found() or self._unknown_state:
             return
         stamp, given = latest
         quaternion = self._unmounted(given)
         if quaternion is None:
             return
         with suppress(SpmError):  # `_evaluate` reports it
-            self._joints.position = mechanism_angles(
-                rotation_from_quaternion(*quaternion), self._geometry, self._working_mode
-            )
+            rotation = rotation_from_quaternion(*quaternion)
+            self._joints.position = mechanism_angles(rotation, self._geometry, self._working_mode)
             at = self._joints.header.stamp
             at.sec, at.nanosec = divmod(stamp, SECOND)
             self._joints_out.publish(self._joints)
@@ -345,7 +350,8 @@ class Diagnostics(ParameterNode):
 
         """
         # Any node may publish on the topic.
-        if not abs(sum(each * each for each in quaternion) - 1.0) < UNIT_TOLERANCE:
+        square = sum(each * each for each in quaternion)
+        if not abs(square - 1.0) < UNIT_TOLERANCE:
             return None
         if self._mounting is None:
             return quaternion
@@ -368,20 +374,21 @@ class Diagnostics(ParameterNode):
             Values by key; the way to the nearest singularity is missing if there is none.
 
         """
+        left_out = [ALL_JOINT_NAMES[index] for index in self._left_out]
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
             f'dexterity of {self.sensors} sensors': dexterities.every,
             'dexterity of the sensors in use': dexterities.in_use,
-            'sensors left out': ', '.join(ALL_JOINT_NAMES[index] for index in self._left_out)
-            or 'none',
+            'sensors left out': ', '.join(left_out) or 'none',
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
             diagnostic_status.CHECKSUM_KEY: mechanism_checksum(self._values),
         }
         way = approach(quaternion, self._geometry, self._working_mode)
         if way is not None:
+            axis = [f'{component:.3f}' for component in way.axis]
             figures['singularity at (deg)'] = degrees(way.distance)
-            figures['by a turn about, in the base frame'] = ' '.join(f'{c:.3f}' for c in way.axis)
+            figures['by a turn about, in the base frame'] = ' '.join(axis)
         return figures
 
     def _report(self, level: bytes, text: str, **values: object) -> None:

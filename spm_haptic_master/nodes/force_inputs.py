@@ -72,12 +72,16 @@ class WrenchSources:
         self.caution = ''
         if self.count < 2:
             return
-        found = [self._node.get_publishers_info_by_topic(topic) for topic in self.topics]
-        nodes = {_node_of(publisher) for publishers in found for publisher in publishers}
-        self.count = max(len(nodes), *map(len, found))
+        largest = 0
+        nodes = set()
+        for topic in self.topics:
+            found = self._node.get_publishers_info_by_topic(topic)
+            largest = max(largest, len(found))
+            nodes |= set(map(_node_of, found))
+        self.count = max(len(nodes), largest)
         if self.count > 1:
-            names = ', '.join(sorted(name for _, name in nodes))
-            self.caution = f'wrenches from {names}; expected one node'
+            names = sorted(name for _, name in nodes)
+            self.caution = f'wrenches from {", ".join(names)}; expected one node'
 
 
 def _node_of(publisher: TopicEndpointInfo) -> tuple[bytes, str]:

@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState, Joy
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import AngularVelocity
 from spm_haptic_master.nodes.joint_reader import JointReader
 from spm_haptic_master.parameters.axes import INSERTION
@@ -58,33 +59,41 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     if mounting is None:
         return base, ''
     check_frames(values)
-    table, platform, handle = (
-        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle')
-    )
+    table = values['mounting.table_frame_id']
+    platform = values['mounting.platform_frame_id']
+    handle = values['mounting.handle_frame_id']
     transforms = []
-    for parent, child, rotation in (
-        (table, base, mounting.base),
-        (platform, handle, mounting.handle),
-    ):
-        if rotation != IDENTITY:
-            found = geometry.TransformStamped(child_frame_id=child)
-            found.header.frame_id = parent
-            found.header.stamp = node.get_clock().now().to_msg()
-            q = found.transform.rotation
-            q.x, q.y, q.z, q.w = rotation
-            transforms.append(found)
+    if mounting.base != IDENTITY:
+        transforms.append(_transform(node, table, base, mounting.base))
+    if mounting.handle != IDENTITY:
+        transforms.append(_transform(node, platform, handle, mounting.handle))
     parents = {each.child_frame_id: each.header.frame_id for each in transforms}
     reference = parents.get(base, base)
-    text = ', '.join(f'{child} on {parent}' for child, parent in parents.items())
+    mounted = [f'{child} on {parent}' for child, parent in parents.items()]
+    text = ', '.join(mounted)
     try:
         # A message of ROS's own package, which the client library alone does not bring.
         from tf2_msgs.msg import TFMessage
     except ImportError:
         return reference, f'{text} (not on {STATIC_TRANSFORMS}: no tf2_msgs)'
-    node.create_publisher(TFMessage, STATIC_TRANSFORMS, STATE).publish(
-        TFMessage(transforms=transforms)
-    )
+    out = node.create_publisher(TFMessage, STATIC_TRANSFORMS, STATE)
+    out.publish(TFMessage(transforms=transforms))
     return reference, text
+
+
+def _transform(
+    node: Node,
+    parent: str,
+    child: str,
+    rotation: Quaternion[float],
+) -> geometry.TransformStamped:
+    """Return the message of a static transform from a frame to its parent."""
+    found = geometry.TransformStamped(child_frame_id=child)
+    found.header.frame_id = parent
+    found.header.stamp = node.get_clock().now().to_msg()
+    q = found.transform.rotation
+    q.x, q.y, q.z, q.w = rotation
+    return found
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:
@@ -141,7 +150,8 @@ class OrientationOutputs:
         self._supervisor = supervisor
         names = ALL_JOINT_NAMES[: values['sensors']]
         # The messages of a sample share one header and one quaternion.
-        header = self._header = Header(frame_id=frame_id)
+        self._header = Header(frame_id=frame_id)
+        header = self._header
         self._orientation = geometry.Quaternion()
         self._level = _labelled(names)
         self._covariance = geometry.PoseWithCovarianceStamped(header=header)
@@ -163,7 +173,8 @@ class OrientationOutputs:
         self._position = pose.pose.position
         # Stamp, ns, and length, m, of the latest insertion; None before the first.
         self._insertion: tuple[int, float] | None = None
-        self._insertion_age = round(SECOND * (INSERTION_PERIODS / values['rate'] + INSERTION_WAY))
+        longest = INSERTION_PERIODS / values['rate'] + INSERTION_WAY
+        self._insertion_age = round(SECOND * longest)
         self._read_insertion = JointReader(INSERTION).read
         node.create_subscription(
             JointState, f'{INSERTION}/measured_js', self._take_insertion, SAMPLES, raw=True
@@ -182,10 +193,12 @@ class OrientationOutputs:
         # A client may need the first message within 20 ms, before the next poll.
         matched = PublisherEventCallbacks(matched=lambda _: self.count_subscribers())
         messages = {LEVEL: self._level, COVARIANCE: self._covariance, **self._crtk}
-        return {
-            topic: node.create_publisher(type(message), topic, SAMPLES, event_callbacks=matched)
-            for topic, message in messages.items()
-        }
+        publishers = {}
+        for topic, message in messages.items():
+            publishers[topic] = node.create_publisher(
+                type(message), topic, SAMPLES, event_callbacks=matched
+            )
+        return publishers
 
     def _begin_gripper(self, node: Node, values: Values) -> None:
         """
@@ -208,12 +221,12 @@ class OrientationOutputs:
 
     def count_subscribers(self) -> None:
         """Find which topics have a subscriber: at each poll, and for each new subscriber."""
-        self.wanted = frozenset(
-            topic
-            for topic, out in self._outs.items()
-            if out.get_subscription_count() > 0
-            and (topic != GRIPPER or len(self._gripper.position) > 0)
-        )
+        wanted = set()
+        for topic, out in self._outs.items():
+            has_value = topic != GRIPPER or len(self._gripper.position) > 0
+            if has_value and out.get_subscription_count() > 0:
+                wanted.add(topic)
+        self.wanted = frozenset(wanted)
 
     def publish(
         self,

@@ -104,8 +104,11 @@ class SampleOrigin:
         limit = f'limit {max_age / SECOND:g} s'
         if age > 0 and not self._is_watching:
             return RejectedError(TOO_BUSY, f'a sample is {more_than(age / SECOND)} old, {limit}')
+        reason = 'sample from the future'
+        if age > 0:
+            reason = 'stale sample'
         return RejectedError(
-            'stale sample' if age > 0 else 'sample from the future',
+            reason,
             f'{age / SECOND:.6f} s old, {limit}: a host is too busy, or the clocks of two hosts '
             'are not synchronized',
         )
@@ -114,8 +117,11 @@ class SampleOrigin:
         """Return reason and detail of the first difference of the driver of the topic."""
         if not self._found:
             return None
-        names = (name.strip('/') for name in publishers(self._node, self._topic))
-        driver = next((name for name in names if name in self._found), '')
+        driver = ''
+        for name in publishers(self._node, self._topic):
+            if name.strip('/') in self._found:
+                driver = name.strip('/')
+                break
         found = self._found.get(driver, {})
         for key, expected in self._own.items():
             if found.get(key, expected) != expected:
@@ -130,6 +136,8 @@ class SampleOrigin:
         for status in deserialize_message(diagnostics, DiagnosticArray).status:
             name, _, aspect = status.name.partition(': ')
             if aspect == diagnostic_status.ENCODERS:
-                self._found[name] = {
-                    each.key: each.value for each in status.values if each.key in self._own
-                }
+                values = {}
+                for entry in status.values:
+                    if entry.key in self._own:
+                        values[entry.key] = entry.value
+                self._found[name] = values

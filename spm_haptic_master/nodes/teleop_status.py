@@ -83,7 +83,9 @@ class TeleopStatus:
             self._publish(self._machine.state)
         else:
             self.publish_state()
-        level = WARN if self._machine.is_blocked else OK
+        level = OK
+        if self._machine.is_blocked:
+            level = WARN
         if self._status.is_due(level, self._state):
             self._status.publish(level, self._state, self._figures())
 
@@ -114,8 +116,12 @@ class TeleopStatus:
         machine = self._machine
         offset = machine.offset
         depth = machine.depth
-        p50, p99 = self._latency.percentiles(0.5, 0.99) or ('none', 'none')
-        figures = {
+        p50: object = 'none'
+        p99: object = 'none'
+        percentiles = self._latency.percentiles(0.5, 0.99)
+        if percentiles is not None:
+            p50, p99 = percentiles
+        figures: dict[str, object] = {
             'command rate (Hz)': self._commands.rate(),
             'latency p50 (us)': p50,
             'latency p99 (us)': p99,

@@ -380,14 +380,13 @@ def constant_frames(
         frame = nearest_rotation(np.einsum('abcb->ac', products))
         return frame, np.eye(3)
     # One of the 24 rotations that map axes to axes is near every solution.
-    turns = np.array(
-        [
-            np.eye(3)[list(columns)].T * signs
-            for columns in permutations(range(3))
-            for signs in product((1.0, -1.0), repeat=3)
-        ]
-    )
-    body = turns[np.linalg.det(turns) > 0.0]
+    turns = []
+    for columns in permutations(range(3)):
+        axes = np.eye(3)[list(columns)].T
+        for signs in product((1.0, -1.0), repeat=3):
+            turns.append(axes * signs)
+    every = np.array(turns)
+    body = every[np.linalg.det(every) > 0.0]
     frame = body.copy()
     fit = np.full(len(body), -math.inf)
     going = np.arange(len(body))
@@ -421,14 +420,10 @@ def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
         Rotation vectors, shape (..., 3), rad.
 
     """
-    sine = 0.5 * np.stack(
-        [
-            matrices[..., 2, 1] - matrices[..., 1, 2],
-            matrices[..., 0, 2] - matrices[..., 2, 0],
-            matrices[..., 1, 0] - matrices[..., 0, 1],
-        ],
-        axis=-1,
-    )
+    across_x = matrices[..., 2, 1] - matrices[..., 1, 2]
+    across_y = matrices[..., 0, 2] - matrices[..., 2, 0]
+    across_z = matrices[..., 1, 0] - matrices[..., 0, 1]
+    sine = 0.5 * np.stack([across_x, across_y, across_z], axis=-1)
     size = np.linalg.norm(sine, axis=-1, keepdims=True)
     trace = np.trace(matrices, axis1=-2, axis2=-1)
     cosine = 0.5 * (trace[..., None] - 1.0)
@@ -495,9 +490,9 @@ def _aligned(
     recorded_time = recorded_time - begin
     captured_time = captured_time - captured_begin
     _check_unit(recorded_time, captured_time)
-    offset, correlation = coarse_offset(
-        angular_speed(recorded_time, recorded), angular_speed(captured_time, captured)
-    )
+    recorded_speed = angular_speed(recorded_time, recorded)
+    captured_speed = angular_speed(captured_time, captured)
+    offset, correlation = coarse_offset(recorded_speed, captured_speed)
     pair = _Pair(
         recorded_time=recorded_time,
         recorded=recorded,
@@ -602,11 +597,14 @@ class _Fit:
         if with_rate:
             rate = float(np.clip(self.rate + step[4], -RATE_LIMIT, RATE_LIMIT))
         body = self.body
+        body = self.body
         if not body_known:
-            body = matrix_from_vector(step[None, -3:])[0] @ body
+            of_body = matrix_from_vector(step[None, -3:])
+            body = of_body[0] @ body
+        of_frame = matrix_from_vector(step[None, 1:4])
         return _Fit(
             offset=float(self.offset + step[0]),
-            frame=self.frame @ matrix_from_vector(step[None, 1:4])[0],
+            frame=self.frame @ of_frame[0],
             body=body,
             rate=rate,
             residual=residual,

@@ -283,10 +283,9 @@ def _read(path: Path, topic: str) -> Content:
             chosen = _select(types, topic)
             connections = [each for each in reader.connections if each.topic in chosen]
             # Without a connection the reader would return all messages.
-            for connection, time, content in (
-                reader.messages(connections=connections) if connections else ()
-            ):
-                messages.append((time, connection.topic, bytes(content)))
+            if connections:
+                for connection, time, content in reader.messages(connections=connections):
+                    messages.append((time, connection.topic, bytes(content)))
     except Exception as error:
         # The formats and their compressions have no common exception.
         directory = path if path.is_dir() else path.parent
@@ -294,21 +293,11 @@ def _read(path: Path, topic: str) -> Content:
             f'{path}: cannot be read as rosbag2: {type(error).__name__}: {_first_line(error)}; if '
             f'its recording was not ended, `ros2 bag reindex {directory}` makes it readable'
         ) from error
-    return types, [
-        (
-            time,
-            name,
-            _message(
-                path,
-                store,
-                name,
-                types[name],
-                number,
-                content,
-            ),
-        )
-        for number, (time, name, content) in enumerate(messages, 1)
-    ]
+    found = []
+    for number, (time, name, content) in enumerate(messages, 1):
+        message = _message(path, store, name, types[name], number, content)
+        found.append((time, name, message))
+    return types, found
 
 
 def _message(

@@ -57,8 +57,10 @@ def export_rows(
     if export is None:
         return None
     if export.bodies:
-        return True, _rows(sheet, export, _of_body(sheet, export.bodies, body))
-    return False, _rows(sheet, export, _of_markers(sheet, export.markers))
+        columns = _of_body(sheet, export.bodies, body)
+        return True, _rows(sheet, export, columns)
+    columns = _of_markers(sheet, export.markers)
+    return False, _rows(sheet, export, columns)
 
 
 def _of_body(
@@ -71,9 +73,8 @@ def _of_body(
         return next(iter(bodies.values()))
     if body in bodies:
         return bodies[body]
-    raise InputError(
-        f'{sheet.path}: rigid bodies {", ".join(bodies)[:QUOTED]}; name one by --capture-topic'
-    )
+    listed = ', '.join(bodies)[:QUOTED]
+    raise InputError(f'{sheet.path}: rigid bodies {listed}; name one by --capture-topic')
 
 
 def _of_markers(
@@ -85,14 +86,21 @@ def _of_markers(
 
     What is before the last colon or underscore of a name does not count.
     """
-    short = {name.replace('_', ':').rpartition(':')[2].lower(): name for name in markers}
+    short = {}
+    for name in markers:
+        _, _, last = name.replace('_', ':').rpartition(':')
+        short[last.lower()] = name
     missing = [name.upper() for name in MARKER_NAMES if name not in short]
     if missing:
+        among = ', '.join(markers)[:QUOTED] or 'none'
         raise InputError(
             f'{sheet.path}: no rigid body, and no marker {", ".join(missing)} among '
-            f'{", ".join(markers)[:QUOTED] or "none"}; expected A, B on the axis, C, D beside it'
+            f'{among}; expected A, B on the axis, C, D beside it'
         )
-    return tuple(column for name in MARKER_NAMES for column in markers[short[name]])
+    columns: list[int] = []
+    for name in MARKER_NAMES:
+        columns += markers[short[name]]
+    return tuple(columns)
 
 
 def _rows(

@@ -54,13 +54,9 @@ class Sheet:
     @property
     def begin(self) -> str:
         """Return the first field of the file in small letters; empty without one."""
-        if self.lines:
-            first = self.lines[0]
-        else:
-            first = []
-        if first:
-            return _plain(first[0])
-        return ''
+        if not self.lines or not self.lines[0]:
+            return ''
+        return _plain(self.lines[0][0])
 
     def find(self, is_wanted: Callable[[list[str]], bool]) -> int | None:
         """
@@ -209,17 +205,11 @@ def _motive_columns(
 ) -> Columns:
     """Return the columns that have a quantity of things of the wanted kinds, by their names."""
     found: Columns = {}
-    for column, (name, kind, of) in enumerate(
-        zip(
-            names,
-            kinds,
-            quantities,
-            strict=False,
-        )
-    ):
+    columns = zip(names, kinds, quantities, strict=False)
+    for column, (name, kind, of) in enumerate(columns):
         if _plain(kind) in wanted and _plain(of) == quantity:
-            name = name.strip()
-            found[name] = (*found.get(name, ()), column)
+            body = name.strip()
+            found[body] = (*found.get(body, ()), column)
     return found
 
 
@@ -267,9 +257,11 @@ def _vicon_things(
     """Return the column of each axis of each thing; a thing ends where the next name stands."""
     found: dict[str, dict[str, int]] = {}
     begins = [column for column, name in enumerate(names) if name.strip()]
-    for begin, end in zip(begins, [*begins[1:], len(axes)], strict=True):
+    ends = [*begins[1:], len(axes)]
+    for begin, end in zip(begins, ends, strict=True):
         columns = range(begin, min(end, len(axes)))
-        found[names[begin].strip()] = {axes[column].strip(): column for column in columns}
+        name = names[begin].strip()
+        found[name] = {axes[column].strip(): column for column in columns}
     return found
 
 
@@ -302,12 +294,17 @@ def _qualisys(sheet: Sheet) -> Export | None:
             'with "Include time data for every frame" and the column header'
         )
     included = ''.join(about.get('DATA_INCLUDED', []))
-    of_bodies = included.strip().upper().startswith('6D')
+    bodies: Columns = {}
+    markers: Columns = {}
+    if included.strip().upper().startswith('6D'):
+        bodies = _qualisys_bodies(header, _listed(about, 'BODY_NAMES'))
+    else:
+        markers = _qualisys_markers(_listed(about, 'MARKER_NAMES'))
     return Export(
         first=first,
         seconds=_second,
-        bodies=_qualisys_bodies(header, _listed(about, 'BODY_NAMES')) if of_bodies else {},
-        markers={} if of_bodies else _qualisys_markers(_listed(about, 'MARKER_NAMES')),
+        bodies=bodies,
+        markers=markers,
         quaternion=_quaternion_of_columns,
     )
 
@@ -331,9 +328,10 @@ def _qualisys_bodies(
     A body has x, y, z, three angles, a residual and the matrix.
     """
     begins = [column for column, field in enumerate(header) if field.endswith('Rot[0]')]
-    return {
-        name: tuple(range(begin, begin + 9)) for name, begin in zip(names, begins, strict=False)
-    }
+    found: Columns = {}
+    for name, begin in zip(names, begins, strict=False):
+        found[name] = tuple(range(begin, begin + 9))
+    return found
 
 
 def _qualisys_markers(names: Sequence[str]) -> Columns:

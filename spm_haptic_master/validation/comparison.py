@@ -177,15 +177,16 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     distances = np.linalg.norm(markers - a, axis=2)
     span = float(np.median(distances.max(axis=0)))
     axis = _unit(b - a, span, 'A and B coincide')
-    toward_c, toward_d = (
-        _unit(
-            beside - np.sum(beside * axis, axis=1, keepdims=True) * axis,
-            span,
-            f'{name} lies on the axis A-B',
-        )
-        for name, beside in (('C', c - a), ('D', d - a))
-    )
+    toward_c = _unit(_across(c - a, axis), span, 'C lies on the axis A-B')
+    toward_d = _unit(_across(d - a, axis), span, 'D lies on the axis A-B')
     return axis, toward_c, toward_d
+
+
+def _across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return the parts of vectors across unit axes, both of shape (n, 3)."""
+    along = np.sum(vectors * axis, axis=1, keepdims=True)
+    across: np.ndarray = vectors - along * axis
+    return across
 
 
 def orientation_of_markers(
@@ -216,10 +217,10 @@ def orientation_of_markers(
 
     """
     axis, *toward = marker_directions(coordinates)
-    x = sum(
-        np.cos(azimuth) * each - np.sin(azimuth) * np.cross(axis, each)
-        for azimuth, each in zip(azimuths, toward, strict=True)
-    )
+    x = np.zeros_like(axis)
+    for azimuth, direction in zip(azimuths, toward, strict=True):
+        beside = np.cross(axis, direction)
+        x += np.cos(azimuth) * direction - np.sin(azimuth) * beside
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     y = np.cross(axis, x)
     return np.stack([x, y, axis], axis=2)
@@ -282,11 +283,9 @@ def _mounted_classic(
         if abs(joints.time[row] - moment) > alignment.GAP:
             continue
         try:
-            last = rotations[place] = kinematics.track_mode(
-                joints.values[row, :3],
-                last,
-                geometry,
-            ).rotation
+            tracked = kinematics.track_mode(joints.values[row, :3], last, geometry)
+            last = tracked.rotation
+            rotations[place] = last
         except SpmError:
             continue  # no mode, or infinitely many: the classic model has no answer here
     table, handle = kinematics.matrix_from_quaternion([mounting.base, mounting.handle])
@@ -372,30 +371,37 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
         if not known.any():
             continue
         angles = kinematics.zxz_from_matrix(rotations[known])
-        errors = [
-            np.angle(np.exp(1j * (angle - truth[known])))
-            for angle, truth in zip(angles, captured, strict=True)
-        ]
+        errors = []
+        for angle, truth in zip(angles, captured, strict=True):
+            difference = angle - truth[known]
+            errors.append(np.angle(np.exp(1j * difference)))
         inverse = comparison.captured[known].swapaxes(1, 2)
         turns = alignment.rotation_vectors(rotations[known] @ inverse)
         errors.append(np.linalg.norm(turns, axis=1))
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
-            size = np.degrees(np.abs(error))
             table.append(
                 ErrorRow(
                     model=model,
                     quantity=quantity,
                     samples=int(known.sum()),
                     missing=int((~known).sum()),
-                    figures_deg=(
-                        float(np.degrees(error.mean())),
-                        float(np.sqrt(np.mean(size**2))),
-                        float(np.percentile(size, 95.0)),
-                        float(size.max()),
-                    ),
+                    figures_deg=_figures_deg(error),
                 )
             )
     return table
+
+
+def _figures_deg(error: np.ndarray) -> tuple[float, ...]:
+    """Return mean, root mean square, 95 % quantile and largest size of errors, rad, in deg."""
+    size = np.degrees(np.abs(error))
+    mean = np.degrees(error.mean())
+    rms = np.sqrt(np.mean(size**2))
+    return (
+        float(mean),
+        float(rms),
+        float(np.percentile(size, 95.0)),
+        float(size.max()),
+    )
 
 
 def write_error_table(path: Path, table: list[ErrorRow]) -> None:
@@ -436,16 +442,11 @@ def write_aligned(path: Path, comparison: Comparison) -> None:
 
     """
     tracks = {'captured': comparison.captured, **comparison.models}
-    columns = [
-        comparison.time,
-        comparison.capture_time,
-        *(column for rotations in tracks.values() for column in zxz_degrees(rotations)),
-    ]
-    header = [
-        'time',
-        'capture_time',
-        *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES),
-    ]
+    columns = [comparison.time, comparison.capture_time]
+    header = ['time', 'capture_time']
+    for name, rotations in tracks.items():
+        columns += list(zxz_degrees(rotations))
+        header += [f'{name}_{angle}_deg' for angle in ANGLES]
     np.savetxt(
         path,
         np.column_stack(columns),

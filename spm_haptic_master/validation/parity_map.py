@@ -213,6 +213,8 @@ def regions(
         for step in np.unique(phi[ring]):
             inside = ring & (phi == step)
             parity = found.parity_deg[inside]
+            squares = parity**2
+            of_published = level_deg[inside & published]
             table.append(
                 RegionRow(
                     tilt_from_deg=low,
@@ -222,8 +224,8 @@ def regions(
                     samples=int(inside.sum()),
                     published=float(published[inside].mean()),
                     mean_deg=float(parity.mean()),
-                    rms_deg=float(np.sqrt(np.mean(parity**2))),
-                    level_deg=_median(level_deg[inside & published]),
+                    rms_deg=float(np.sqrt(np.mean(squares))),
+                    level_deg=_median(of_published),
                 )
             )
     return table
@@ -342,10 +344,8 @@ def nominal_bias(table: list[RegionRow]) -> float | None:
         Bias, deg; None where no region has `REGION_SAMPLES` samples.
 
     """
-    return max(
-        (abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES),
-        default=None,
-    )
+    sizes = [abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES]
+    return max(sizes, default=None)
 
 
 def write_regions(path: Path, table: list[RegionRow]) -> None:

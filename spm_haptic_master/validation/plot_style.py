@@ -39,12 +39,25 @@ IMPROVED = '#00687a'
 ESTIMATE = '#4c9be8'
 CAPTURE = '#9a9a9a'
 # Colour and width of the grid lines (points).
-GRID_COLOUR, GRID_WIDTH = '#dddddd', 0.6
+GRID_COLOUR = '#dddddd'
+GRID_WIDTH = 0.6
 # Line styles in the order of drawing: the last one lies on top.
 STYLES: dict[str, dict[str, Any]] = {
-    'captured': {'color': CAPTURE, 'label': 'motion capture', 'linewidth': 1.6},
-    'classic': {'color': CLASSIC, 'label': 'classic FKM (3 sensors)', 'linewidth': 0.9},
-    'improved': {'color': IMPROVED, 'label': 'improved FKM (4 sensors)', 'linewidth': 1.1},
+    'captured': {
+        'color': CAPTURE,
+        'label': 'motion capture',
+        'linewidth': 1.6,
+    },
+    'classic': {
+        'color': CLASSIC,
+        'label': 'classic FKM (3 sensors)',
+        'linewidth': 0.9,
+    },
+    'improved': {
+        'color': IMPROVED,
+        'label': 'improved FKM (4 sensors)',
+        'linewidth': 1.1,
+    },
 }
 # Least span of an axis (deg): an angle that moves less is not magnified.
 LEAST_SPAN = 2.0
@@ -155,16 +168,15 @@ def draw_comparison(comparison: Comparison, directory: Path) -> None:
 
     """
     time = comparison.time - comparison.time[0]
-    angles = {
-        name: zxz_degrees(rotations, unwrapped=True)
-        for name, rotations in (*comparison.models.items(), ('captured', comparison.captured))
-    }
+    angles = {}
+    for name, rotations in (*comparison.models.items(), ('captured', comparison.captured)):
+        angles[name] = zxz_degrees(rotations, unwrapped=True)
     models = [name for name in STYLES if name in comparison.models]
 
     figure = new_figure(height=6.0)
-    for row, (axes, letter) in enumerate(
-        zip(figure.subplots(3, 1, sharex=True), ('ψ', 'θ', 'φ'), strict=True)
-    ):
+    of_angles = figure.subplots(3, 1, sharex=True)
+    for row, letter in enumerate(('ψ', 'θ', 'φ')):
+        axes = of_angles[row]
         for name in models:
             axes.plot(time, angles[name][row], **STYLES[name])
         low, high = axes.get_ylim()

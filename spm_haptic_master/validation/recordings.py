@@ -103,12 +103,11 @@ def read_orientation(path: Path, topic: str) -> Track:
 
     """
     path = _table_in(path, ORIENTATION_NAME)
-    return _quaternions(
-        path,
-        _topic_rows(path, topic, ORIENTATIONS)
-        if bags.is_bag(path)
-        else _csv_rows(path, _csv_table(path), QUATERNION),
-    )
+    if bags.is_bag(path):
+        rows = _topic_rows(path, topic, ORIENTATIONS)
+    else:
+        rows = _csv_rows(path, _csv_table(path), QUATERNION)
+    return _quaternions(path, rows)
 
 
 def read_joints(
@@ -262,11 +261,10 @@ def _joints_among(names: Sequence[str]) -> tuple[str, ...]:
         One of them is missing.
 
     """
-    count = max(
-        number
-        for number, name in enumerate(ALL_JOINT_NAMES, 1)
-        if name in names or number == len(JOINT_NAMES)
-    )
+    count = len(JOINT_NAMES)
+    for number, name in enumerate(ALL_JOINT_NAMES, 1):
+        if name in names:
+            count = max(count, number)
     expected = ALL_JOINT_NAMES[:count]
     missing = [name for name in expected if name not in names]
     if missing:
@@ -351,15 +349,15 @@ def _track(
         Too few rows are left, a value is infinite, or the time does not increase.
 
     """
-    known = np.array(
-        [
-            row
-            for row in rows
-            if not math.isnan(row[0])
-            and (len(row) - 1 if least is None else least)
-            <= sum(value == value for value in row[1:])
-        ]
-    )
+    complete = []
+    for row in rows:
+        moment, *numbers = row
+        wanted = len(numbers) if least is None else least
+        # NaN is not equal to itself.
+        given = sum(number == number for number in numbers)
+        if given >= wanted and not math.isnan(moment):
+            complete.append(row)
+    known = np.array(complete)
     if len(known) < ROWS_MINIMUM:
         raise InputError(f'{path}: {len(known)} complete rows; expected {ROWS_MINIMUM} or more')
     if np.isinf(known).any():
@@ -385,12 +383,14 @@ def _csv_table(path: Path) -> list[list[str]]:
 def _fields(path: Path) -> list[list[str]]:
     """Return the lines of a CSV file by their fields, between commas or tabs."""
     try:
-        with (gzip.open if path.suffix == '.gz' else open)(
+        opener = gzip.open if path.suffix == '.gz' else open
+        with opener(
             path, 'rt', newline='', encoding='utf-8-sig', errors='backslashreplace'
         ) as file:
             begin = file.readline()
             file.seek(0)
-            return [*csv.reader(file, delimiter='\t' if '\t' in begin else ',')]
+            delimiter = '\t' if '\t' in begin else ','
+            return list(csv.reader(file, delimiter=delimiter))
     except (OSError, EOFError, zlib.error, csv.Error) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
 
