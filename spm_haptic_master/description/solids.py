@@ -463,7 +463,12 @@ def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
     return _tube(rings)
 
 
-def _link(angle: float, bar: Bar, first: Cylinder, second: Cylinder) -> Solid:
+def _link(
+    angle: float,
+    bar: Bar,
+    first: Cylinder,
+    second: Cylinder,
+) -> Solid:
     """
     Return a bar of an angle, rad, with a disc at either end.
 
@@ -493,7 +498,11 @@ def _link(angle: float, bar: Bar, first: Cylinder, second: Cylinder) -> Solid:
     return together(_arc_bar(angle, bar), cylinder(first), there)
 
 
-def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64], bar: Bar) -> Solid:
+def _arc_between(
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    bar: Bar,
+) -> Solid:
     """Return a bar along the great circle from one unit vector to another."""
     across = np.cross(start, end)
     sine = float(np.linalg.norm(across))

@@ -105,7 +105,13 @@ def urdf(geometry: Geometry, meshes: str) -> str:
     return f'{FIRST_LINES}{text}\n'
 
 
-def _add_leg(robot: Element, leg: Leg, name: str, limits: Limits, meshes: str) -> None:
+def _add_leg(
+    robot: Element,
+    leg: Leg,
+    name: str,
+    limits: Limits,
+    meshes: str,
+) -> None:
     """
     Add the links and joints of a leg, from the base to the leg's tip.
 
@@ -127,7 +133,6 @@ def _add_leg(robot: Element, leg: Leg, name: str, limits: Limits, meshes: str) -
     proximal = f'proximal_{name}'
     distal = f'distal_{name}'
     carrier = f'carrier_{name}'
-    tip = f'tip_{name}'
     end = _about_x(leg.cos_beta, leg.sin_beta)
     _turning(
         robot=robot,
@@ -159,19 +164,14 @@ def _add_leg(robot: Element, leg: Leg, name: str, limits: Limits, meshes: str) -
         frame=end,
     )
     _link(robot, carrier)
-    _joint(
-        robot=robot,
-        name=f'{tip}_joint',
-        kind='fixed',
-        parent=carrier,
-        child=tip,
-        frame=_about_x(1.0, 0.0),
-        height=TIP,
-    )
-    _link(robot, tip)
+    _add_tip(robot, carrier, f'tip_{name}', _about_x(1.0, 0.0))
 
 
-def _add_platform(robot: Element, geometry: Geometry, meshes: str) -> None:
+def _add_platform(
+    robot: Element,
+    geometry: Geometry,
+    meshes: str,
+) -> None:
     """Add the platform at the end of leg A, and the sockets of the other legs on it."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = geometry.legs[0].platform_frame
     transposed = (r00, r10, r20, r01, r11, r21, r02, r12, r22)
@@ -185,19 +185,34 @@ def _add_platform(robot: Element, geometry: Geometry, meshes: str) -> None:
     )
     _link(robot, PLATFORM_FRAME, f'{meshes}/platform.stl', 'platform')
     for leg, name in zip(geometry.legs[1:], solids.LEGS[1:], strict=True):
-        _joint(
-            robot=robot,
-            name=f'socket_{name}_joint',
-            kind='fixed',
-            parent=PLATFORM_FRAME,
-            child=f'socket_{name}',
-            frame=leg.platform_frame,
-            height=TIP,
-        )
-        _link(robot, f'socket_{name}')
+        _add_tip(robot, PLATFORM_FRAME, f'socket_{name}', leg.platform_frame)
 
 
-def _link(robot: Element, name: str, mesh: str = '', material: str = '') -> Element:
+def _add_tip(
+    robot: Element,
+    parent: str,
+    name: str,
+    frame: Rotation[float],
+) -> None:
+    """Add a link without a shape where the tip of a leg is in a frame of its parent."""
+    _joint(
+        robot=robot,
+        name=f'{name}_joint',
+        kind='fixed',
+        parent=parent,
+        child=name,
+        frame=frame,
+        height=TIP,
+    )
+    _link(robot, name)
+
+
+def _link(
+    robot: Element,
+    name: str,
+    mesh: str = '',
+    material: str = '',
+) -> Element:
     """
     Add a link, with one mesh to see and to collide with.
 
@@ -246,7 +261,11 @@ def _add_inertial(link: Element, body: solids.MassProperties) -> None:
     SubElement(part, 'inertia', moments)
 
 
-def _add_encoder(link: Element, size: solids.Cylinder, frame: Rotation[float]) -> None:
+def _add_encoder(
+    link: Element,
+    size: solids.Cylinder,
+    frame: Rotation[float],
+) -> None:
     """
     Add the cylinder of an encoder, as `cylinder` has its size, on z of a frame in a link.
 
@@ -340,7 +359,11 @@ def _joint(
     return joint
 
 
-def _origin(element: Element, frame: Rotation[float], height: float) -> None:
+def _origin(
+    element: Element,
+    frame: Rotation[float],
+    height: float,
+) -> None:
     """
     Add a frame at a height on its own z, m; roll and pitch are exact at 90 deg.
 
@@ -423,7 +446,11 @@ def _with_margin(low: float, high: float) -> tuple[float, float]:
     return max(-pi, least), min(pi, most)
 
 
-def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
+def write(
+    geometry: Geometry,
+    directory: Path,
+    prefix: str,
+) -> Path:
     """
     Write the URDF and its meshes.
 

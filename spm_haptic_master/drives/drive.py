@@ -78,7 +78,12 @@ class Drive:
 
     """
 
-    def __init__(self, own: DrivePlan, plan: Plan, send: Callable[[can.Message], None]):
+    def __init__(
+        self,
+        own: DrivePlan,
+        plan: Plan,
+        send: Callable[[can.Message], None],
+    ):
         self.own = own
         self._plan = plan
         self._send = send

@@ -321,7 +321,11 @@ def _period(plan: Plan) -> list[WantedObject]:
     ]
 
 
-def _timer(key: Key, name: str, seconds: float) -> list[WantedObject]:
+def _timer(
+    key: Key,
+    name: str,
+    seconds: float,
+) -> list[WantedObject]:
     """
     Return the event timer of a PDO.
 

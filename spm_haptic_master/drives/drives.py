@@ -395,7 +395,12 @@ class Drives:
             drive for drive in self._drives if drive.status_at <= asked or drive.state is not state
         ]
 
-    def _late(self, drive: Drive, asked: float, state: State) -> str:
+    def _late(
+        self,
+        drive: Drive,
+        asked: float,
+        state: State,
+    ) -> str:
         """Return in words that a drive did not reach a state that was asked for at a time, s."""
         shown = 'no status frame' if drive.status_at <= asked else drive.state.value
         cause = f' ({drive.emergency})' if drive.emergency else ''

@@ -370,7 +370,11 @@ def _status_syncs(values: Values) -> int:
     return round(syncs)
 
 
-def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
+def _each(
+    values: Values,
+    name: str,
+    count: int,
+) -> tuple[Any, ...]:
     """Return a value for each drive; SettingError where there is another number of them."""
     found: tuple[Any, ...] = values[name]
     if len(found) == 1:
@@ -493,7 +497,11 @@ def _check_node_ids(drives: Values, encoders: Values) -> None:
         )
 
 
-def _check_identifiers(plan: Plan, layouts: Sequence[EncoderLayout], given: object) -> None:
+def _check_identifiers(
+    plan: Plan,
+    layouts: Sequence[EncoderLayout],
+    given: object,
+) -> None:
     """Refuse an identifier of an encoder that a drive uses: SettingError."""
     frames = {plan.combined_id}.union(
         *((drive.status_id, drive.control_id) for drive in plan.drives)

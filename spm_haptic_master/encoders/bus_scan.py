@@ -307,7 +307,12 @@ class BusScan:
         if watch is not None:
             watch.take(message.data, now)
 
-    def _node_frame(self, base: int, node_id: int, message: can.Message) -> None:
+    def _node_frame(
+        self,
+        base: int,
+        node_id: int,
+        message: can.Message,
+    ) -> None:
         """
         Record a heartbeat, an emergency or an SDO answer with the right length.
 
@@ -389,7 +394,12 @@ class BusScanner:
         # Time of the latest NMT start to each node, s.
         self._started_at: dict[int, float] = {}
 
-    def listen(self, seconds: float, ask: bool, start: tuple[int, ...] | None = None) -> None:
+    def listen(
+        self,
+        seconds: float,
+        ask: bool,
+        start: tuple[int, ...] | None = None,
+    ) -> None:
         """
         Listen, and ask every node for its type, each one heard for its identity.
 

@@ -200,7 +200,12 @@ def check_interface(interface: str, name: str = 'can.interface') -> None:
         )
 
 
-def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
+def open_bus(
+    interface: str,
+    channel: str,
+    bitrate: int,
+    own: bool = False,
+) -> can.BusABC:
     """
     Open a bus.
 

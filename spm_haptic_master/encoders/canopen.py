@@ -238,7 +238,11 @@ def reserved_for(identifier: int) -> str | None:
     return name
 
 
-def frame(identifier: int, data: bytes = b'', stamp: float = 0.0) -> can.Message:
+def frame(
+    identifier: int,
+    data: bytes = b'',
+    stamp: float = 0.0,
+) -> can.Message:
     """
     Return a data frame with an 11-bit identifier.
 
@@ -270,7 +274,12 @@ def nmt(command: int, node_id: int) -> can.Message:
     return frame(NMT_ID, bytes((command, node_id)))
 
 
-def emcy(node_id: int, code: int, register: int, specific: bytes = b'') -> can.Message:
+def emcy(
+    node_id: int,
+    code: int,
+    register: int,
+    specific: bytes = b'',
+) -> can.Message:
     """
     Return an emergency message (CiA 301, 7.2.7).
 
@@ -349,7 +358,13 @@ def state_word(state: int) -> str:
     return STATE_WORDS.get(state & 0x7F, f'in unknown state 0x{state:02X}')
 
 
-def sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
+def sdo(
+    identifier: int,
+    command: int,
+    index: int,
+    subindex: int,
+    value: int = 0,
+) -> can.Message:
     """
     Return an SDO frame of an expedited transfer: a request, or an answer (CiA 301).
 
@@ -372,12 +387,22 @@ def sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0
     return frame(identifier, data)
 
 
-def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
+def sdo_upload(
+    node_id: int,
+    index: int,
+    subindex: int,
+) -> can.Message:
     """Return the SDO request for an object's value."""
     return sdo(SDO_REQUEST_BASE + node_id, SDO_UPLOAD_REQUEST, index, subindex)
 
 
-def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) -> can.Message:
+def sdo_write(
+    node_id: int,
+    index: int,
+    subindex: int,
+    value: int,
+    size: int,
+) -> can.Message:
     """
     Return the SDO request of an expedited download.
 
@@ -402,7 +427,13 @@ def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) ->
     )
 
 
-def sdo_answer(node_id: int, index: int, subindex: int, value: int, size: int = 4) -> can.Message:
+def sdo_answer(
+    node_id: int,
+    index: int,
+    subindex: int,
+    value: int,
+    size: int = 4,
+) -> can.Message:
     """
     Return the expedited answer to an SDO upload.
 

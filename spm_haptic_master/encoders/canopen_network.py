@@ -80,7 +80,11 @@ def network_on(bus: can.BusABC) -> Iterator[Any]:
 
 
 @contextmanager
-def awaited(network: Any, identifier: int, data: bytes | None = None) -> Iterator[threading.Event]:
+def awaited(
+    network: Any,
+    identifier: int,
+    data: bytes | None = None,
+) -> Iterator[threading.Event]:
     """
     Give an event that is set when a frame is heard.
 
@@ -101,7 +105,11 @@ def awaited(network: Any, identifier: int, data: bytes | None = None) -> Iterato
     """
     heard = threading.Event()
 
-    def take(_: int, received: bytes, __: float) -> None:
+    def take(
+        _: int,
+        received: bytes,
+        __: float,
+    ) -> None:
         if data in (None, bytes(received)):
             heard.set()
 
@@ -180,7 +188,13 @@ class Node:
                 return None, 0
         return int.from_bytes(data, 'little'), size or 0
 
-    def write(self, index: int, subindex: int, value: int, size: int) -> None:
+    def write(
+        self,
+        index: int,
+        subindex: int,
+        value: int,
+        size: int,
+    ) -> None:
         """
         Write an object by SDO download.
 
@@ -227,7 +241,11 @@ class Node:
         answered = threading.Event()
         identifier = protocol.SDO_ANSWER_BASE + self.node_id
 
-        def take(_: int, data: bytes, __: float) -> None:
+        def take(
+            _: int,
+            data: bytes,
+            __: float,
+        ) -> None:
             answers.append(bytes(data))
             answered.set()
 

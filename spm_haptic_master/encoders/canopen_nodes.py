@@ -360,7 +360,11 @@ class CanopenNodes:
         return None
 
     @staticmethod
-    def _has_missed_sync(node: Node, before: int | None, message: can.Message) -> bool:
+    def _has_missed_sync(
+        node: Node,
+        before: int | None,
+        message: can.Message,
+    ) -> bool:
         """Return whether a message says that SYNC is missing, by the state of its node before."""
         if message.arbitration_id == canopen.EMCY_BASE + node.node_id:
             error_class = canopen.emcy_code(message.data) >> 8

@@ -244,7 +244,11 @@ def _byte_and_mask(signal: Any, remarks: list[str]) -> tuple[int, int]:
     return first, mask or 0xFF
 
 
-def _good_value(signal: Any, mask: int, remarks: list[str]) -> int:
+def _good_value(
+    signal: Any,
+    mask: int,
+    remarks: list[str],
+) -> int:
     """Return the bits of a status signal in health, at their place in the byte."""
     if signal is None or not mask:
         return 0

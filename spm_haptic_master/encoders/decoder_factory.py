@@ -152,7 +152,12 @@ def _check_layout(axis: SingleAxis, values: Values) -> None:
             )
 
 
-def _take(taken: dict[Any, str], value: int, setting: str, what: str) -> None:
+def _take(
+    taken: dict[Any, str],
+    value: int,
+    setting: str,
+    what: str,
+) -> None:
     """Note the encoder that has a value; SettingError if another one has it."""
     if value in taken:
         raise SettingError(

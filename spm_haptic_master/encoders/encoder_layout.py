@@ -26,7 +26,12 @@ STATUS_ERROR = 'status bits report an error'
 UNCHANGED = 'rolling counter unchanged'
 
 
-def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_turn: int) -> float:
+def angle_from_counts(
+    counts: int,
+    zero_count: int,
+    direction: int,
+    counts_per_turn: int,
+) -> float:
     """
     Return the joint angle of an absolute encoder without harmonics.
 
@@ -55,7 +60,12 @@ def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_t
     return turns * TURN / counts_per_turn
 
 
-def counts_from_angle(angle: float, zero_count: int, direction: int, counts_per_turn: int) -> int:
+def counts_from_angle(
+    angle: float,
+    zero_count: int,
+    direction: int,
+    counts_per_turn: int,
+) -> int:
     """
     Return the counts of an absolute encoder without harmonics.
 
@@ -263,7 +273,12 @@ class EncoderLayout:
             return angle - TURN
         return angle
 
-    def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
+    def data(
+        self,
+        angle: float,
+        counter: int = 0,
+        healthy: bool = True,
+    ) -> bytes:
         """
         Return the data of a frame, as an encoder sends it.
 

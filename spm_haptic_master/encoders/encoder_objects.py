@@ -255,7 +255,12 @@ def wanted_objects(
     )
 
 
-def _position_pdo(layout: EncoderLayout, number: int, synchronised: bool, timer: int) -> WantedPdo:
+def _position_pdo(
+    layout: EncoderLayout,
+    number: int,
+    synchronised: bool,
+    timer: int,
+) -> WantedPdo:
     """Return the wanted TPDO, counted from 0, with the position; `timer` in ms."""
     name = f'TPDO{number + 1}'
     index = canopen.TPDO_PARAMETERS + number

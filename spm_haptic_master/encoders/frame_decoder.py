@@ -44,7 +44,11 @@ Taker = Callable[[can.Message], JointSample | None]
 EXTENDED = 1 << 29
 
 
-def recent(when: float | None, now: float, span: float) -> bool:
+def recent(
+    when: float | None,
+    now: float,
+    span: float,
+) -> bool:
     """Return whether `when` is within `span` s of `now`; after a clock was set back it is not."""
     return when is not None and abs(now - when) < span
 
@@ -356,7 +360,12 @@ class FrameDecoder:
                 found |= node.statistics(now)
         return found
 
-    def _trouble(self, index: int, now: float, timeout: float) -> str:
+    def _trouble(
+        self,
+        index: int,
+        now: float,
+        timeout: float,
+    ) -> str:
         """Return why a joint is silent: rejected frames, what its node reports, or no frames."""
         refused = self.encoders[index].refused
         if refused and recent(refused[0], now, timeout):
@@ -366,7 +375,12 @@ class FrameDecoder:
             trouble = self.network.nodes[index].trouble(now)
         return trouble or 'no frames'
 
-    def _answer(self, index: int, encoder: Encoder, message: can.Message) -> JointSample | None:
+    def _answer(
+        self,
+        index: int,
+        encoder: Encoder,
+        message: can.Message,
+    ) -> JointSample | None:
         """Take an encoder's frame; one without a reading also ends the wait for its answer."""
         stamp = message.timestamp
         angle, reason = encoder.check(message)

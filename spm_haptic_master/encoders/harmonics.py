@@ -121,7 +121,11 @@ class Harmonics:
         return found
 
 
-def _deviations(cosine: float, sine: float, table: tuple[float, ...]) -> NDArray[np.float64]:
+def _deviations(
+    cosine: float,
+    sine: float,
+    table: tuple[float, ...],
+) -> NDArray[np.float64]:
     """Return reading minus joint angle, rad, at the knots."""
     values = table or (0.0, 0.0)
     spectrum = np.fft.rfft(values) * (KNOTS / len(values))

@@ -165,7 +165,13 @@ class LateAnswers:
             if not self.behind[index].is_certain:
                 del self.behind[index]
 
-    def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
+    def return_of(
+        self,
+        index: int,
+        missed: int,
+        start: float,
+        lost: int | None,
+    ) -> None:
         """
         Note the first answer of a joint that was not waited for.
 
@@ -195,7 +201,12 @@ class LateAnswers:
         self.unproven.discard(index)
         self.behind.pop(index, None)
 
-    def pay(self, index: int, answers: int, now: float) -> int:
+    def pay(
+        self,
+        index: int,
+        answers: int,
+        now: float,
+    ) -> int:
         """
         Count late answers that came.
 

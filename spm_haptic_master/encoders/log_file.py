@@ -217,7 +217,12 @@ class LogFile:
             # As above: the exception depends on the reader.
             raise ReplayError(f'{self.path}: cannot be read: {self._trouble(error)}') from error
 
-    def _check_time(self, stamp: float, last: float, number: int) -> None:
+    def _check_time(
+        self,
+        stamp: float,
+        last: float,
+        number: int,
+    ) -> None:
         """Raise ReplayError for a stamp, s, that is none, or well before the last one."""
         if not 0.0 <= stamp < STAMP_LIMIT:
             raise ReplayError(

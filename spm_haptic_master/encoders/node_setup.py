@@ -223,7 +223,11 @@ def wanted_pdo(
     )
 
 
-def _mapping(index: int, name: str, entries: list[int]) -> tuple[WantedObject, ...]:
+def _mapping(
+    index: int,
+    name: str,
+    entries: list[int],
+) -> tuple[WantedObject, ...]:
     """Return the objects that map the entries of a PDO, as `wanted_pdo` has them."""
     mapping = index - canopen.RPDO_PARAMETERS + canopen.RPDO_MAPPING
     count = WantedObject(
@@ -496,7 +500,11 @@ def _put_back(node: Node, before: Comparison) -> str:
     return 'half written, and not stored: power-cycle it'
 
 
-def _write_pdo(node: Node, wanted: WantedPdo, found: Comparison) -> None:
+def _write_pdo(
+    node: Node,
+    wanted: WantedPdo,
+    found: Comparison,
+) -> None:
     """Write a PDO in the order of CiA 301: off, parameters, mapping, on again."""
     identifier = wanted.identifier
     present, size = node.read(identifier.index, identifier.subindex)
@@ -514,7 +522,11 @@ def _write_pdo(node: Node, wanted: WantedPdo, found: Comparison) -> None:
     node.write(identifier.index, identifier.subindex, changed, size)
 
 
-def _write_mapping(node: Node, wanted: WantedPdo, found: Comparison) -> None:
+def _write_mapping(
+    node: Node,
+    wanted: WantedPdo,
+    found: Comparison,
+) -> None:
     """
     Write a mapping in the order of CiA 301: no entries, each entry, then their number.
 
@@ -538,7 +550,11 @@ def _write_mapping(node: Node, wanted: WantedPdo, found: Comparison) -> None:
         raise RefusedError(f'{error}{hint}') from error
 
 
-def _write(node: Node, wanted: WantedObject, found: Comparison) -> None:
+def _write(
+    node: Node,
+    wanted: WantedObject,
+    found: Comparison,
+) -> None:
     """Write an object that the node has and that is not as configured."""
     if _read(node, wanted) is None:
         return
@@ -553,7 +569,11 @@ def _write(node: Node, wanted: WantedObject, found: Comparison) -> None:
         raise RefusedError(f'{error}{found.hint(wanted.key)}') from error
 
 
-def _verify(node: Node, wanted: WantedObjects, when: str) -> None:
+def _verify(
+    node: Node,
+    wanted: WantedObjects,
+    when: str,
+) -> None:
     """Read the node back; SetupError where it is not as configured."""
     lines = compare(node, wanted).lines
     if lines:

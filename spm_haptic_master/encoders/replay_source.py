@@ -65,7 +65,14 @@ class ReplaySource(EncoderSource):
 
     waits_for_listener = True
 
-    def __init__(self, path: str, rate: float, loop: bool, decoder: FrameDecoder, channel: str):
+    def __init__(
+        self,
+        path: str,
+        rate: float,
+        loop: bool,
+        decoder: FrameDecoder,
+        channel: str,
+    ):
         self._log = LogFile(path)
         self._channel = self._log.select_channel(
             {(layout.can_id, layout.extended) for layout in decoder.layouts}, channel

@@ -42,7 +42,11 @@ class GivenBus:
         return bus if self.bitrate is None else f'{bus}, bitrate: {self.bitrate}'
 
 
-def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
+def rig_lines(
+    scan: BusScan,
+    expected: Expected,
+    given: GivenBus,
+) -> list[str]:
     """
     Return the lines of a parameter file for all nodes.
 
@@ -94,7 +98,11 @@ def rig_lines(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
     return lines
 
 
-def _of_bus(scan: BusScan, expected: Expected, given: GivenBus) -> list[str]:
+def _of_bus(
+    scan: BusScan,
+    expected: Expected,
+    given: GivenBus,
+) -> list[str]:
     """Return the lines of the rate and of the bus."""
     # One SYNC has no rate.
     rate = expected.rate
@@ -126,7 +134,11 @@ def _too_few_or_many(scan: BusScan, count: int) -> str:
     return f'{text}; can_scan --start starts the nodes, and SYNC where no master makes it'
 
 
-def _lengths(scan: BusScan, expected: Expected, identifiers: list[int]) -> list[str]:
+def _lengths(
+    scan: BusScan,
+    expected: Expected,
+    identifiers: list[int],
+) -> list[str]:
     """
     Return the lines of the frames' lengths where they are known and not as configured.
 
@@ -148,7 +160,11 @@ def _lengths(scan: BusScan, expected: Expected, identifiers: list[int]) -> list[
     return lines
 
 
-def _counts_per_turn(scan: BusScan, expected: Expected, node_ids: list[int]) -> list[str]:
+def _counts_per_turn(
+    scan: BusScan,
+    expected: Expected,
+    node_ids: list[int],
+) -> list[str]:
     """Return the line of the counts per turn, as the nodes have them; none where they do not."""
     layout = expected.layouts[0]
     counts = []

@@ -326,7 +326,11 @@ def _node_problems(
     return found + _heartbeat_problems(scan, node, expected.heartbeat_timeout)
 
 
-def _heartbeat_problems(scan: BusScan, node: HeardNode, timeout: float | None) -> list[str]:
+def _heartbeat_problems(
+    scan: BusScan,
+    node: HeardNode,
+    timeout: float | None,
+) -> list[str]:
     """Return that the heartbeat of a node ended, or comes too seldom for the driver."""
     period = node.heartbeat_period
     if not period or node.heartbeat is None:
@@ -369,7 +373,11 @@ def resolution(node: HeardNode, layout: EncoderLayout) -> int | None:
     return rules.resolution(lambda index, subindex: node.objects.get((index, subindex)))
 
 
-def _rate_problem(scan: BusScan, heard: HeardFrame, rate: float) -> str | None:
+def _rate_problem(
+    scan: BusScan,
+    heard: HeardFrame,
+    rate: float,
+) -> str | None:
     """Return how an encoder's frames differ from one to each SYNC, or from the configured rate."""
     if busy(scan, rate) is not None:
         return None
@@ -468,7 +476,11 @@ def _phases_text(found: dict[str, int], expected: Expected) -> str:
     return f'without SYNC the frames come at phases of {shown} ms in {1e3 / expected.rate:g} ms'
 
 
-def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) -> str:
+def _missing_because(
+    scan: BusScan,
+    layout: EncoderLayout,
+    node_id: int | None,
+) -> str:
     """Return why the frame of an encoder is missing, behind a semicolon."""
     if (not layout.extended, layout.can_id) in scan.frames:
         bits = 11 if layout.extended else 29
@@ -481,7 +493,11 @@ def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) 
     return f'; its {_node_without_frames(scan, node_id, node)}'
 
 
-def _node_without_frames(scan: BusScan, node_id: int, node: HeardNode) -> str:
+def _node_without_frames(
+    scan: BusScan,
+    node_id: int,
+    node: HeardNode,
+) -> str:
     """Return what is known of a node whose frame is missing."""
     if node.emergencies:
         return f'node {node_id} reports {", ".join(node.emergencies)}'

@@ -137,7 +137,13 @@ class SetAssembler:
 
     """
 
-    def __init__(self, joints: tuple[str, ...], synchronised: bool, window: float, period: float):
+    def __init__(
+        self,
+        joints: tuple[str, ...],
+        synchronised: bool,
+        window: float,
+        period: float,
+    ):
         self._joints = joints
         self._synchronised = synchronised
         self._window = window
@@ -312,7 +318,13 @@ class SetAssembler:
         """Return whether a joint has answered in the open cycle."""
         return self._cycle is not None and self._cycle.angles[index] is not None
 
-    def _expects(self, cycle: Cycle, index: int, stamp: float, lost: int | None) -> bool:
+    def _expects(
+        self,
+        cycle: Cycle,
+        index: int,
+        stamp: float,
+        lost: int | None,
+    ) -> bool:
         """Return whether a joint's first answer of a cycle is one that the set waits for."""
         if index in self.absent:
             cycle.angles[index] = nan
@@ -330,7 +342,13 @@ class SetAssembler:
             self.late.count(index, lost)
         return True
 
-    def _again(self, cycle: Cycle, index: int, angle: float, stamp: float) -> None:
+    def _again(
+        self,
+        cycle: Cycle,
+        index: int,
+        angle: float,
+        stamp: float,
+    ) -> None:
         """Take a further answer of a joint in one cycle: only late ones explain it."""
         number = cycle.further.get(index, 0)
         cycle.further[index] = number + 1
@@ -419,7 +437,12 @@ class SetAssembler:
             f'{1e3 * self._window:g} ms: SYNC is needed (encoders.sync_id; docs/encoder_setup.md)'
         )
 
-    def _close(self, cycle: Cycle, end: float, length: float) -> JointSample | None:
+    def _close(
+        self,
+        cycle: Cycle,
+        end: float,
+        length: float,
+    ) -> JointSample | None:
         """End a cycle at a time, s; return its set if that has not gone out."""
         long = self._synchronised and length >= LONG_CYCLE * self._period
         unclear = cycle.further or self._unsettled or long
@@ -428,7 +451,12 @@ class SetAssembler:
             return None
         return self._settle(cycle, end, long)
 
-    def _settle(self, cycle: Cycle, end: float, long: bool) -> JointSample | None:
+    def _settle(
+        self,
+        cycle: Cycle,
+        end: float,
+        long: bool,
+    ) -> JointSample | None:
         """
         Account for the answers that a cycle lacks, or that may belong to another one.
 

@@ -235,7 +235,11 @@ def make_axes(values: Values, timeout: float) -> tuple[SingleAxis, ...]:
     return tuple(_axis(name, values, timeout) for name in AXES if values[f'{name}.id'])
 
 
-def _axis(name: str, values: Values, timeout: float) -> SingleAxis:
+def _axis(
+    name: str,
+    values: Values,
+    timeout: float,
+) -> SingleAxis:
     """
     Return one axis by its settings, as `make_axes`.
 
@@ -294,7 +298,11 @@ def _bits(name: str, values: Values) -> int:
     return mask.bit_count() or int(values[f'{name}.bit_length'])
 
 
-def _limits(name: str, values: Values, counts_per_turn: int) -> tuple[AxisLimits, float]:
+def _limits(
+    name: str,
+    values: Values,
+    counts_per_turn: int,
+) -> tuple[AxisLimits, float]:
     """
     Return range and speed of an axis, and its scale: m/rad of a slide, 1 of the gripper.
 

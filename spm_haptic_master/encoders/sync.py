@@ -88,7 +88,12 @@ class SyncProducer:
 
     """
 
-    def __init__(self, send: Callable[[can.Message], None], sync_id: int, period: float):
+    def __init__(
+        self,
+        send: Callable[[can.Message], None],
+        sync_id: int,
+        period: float,
+    ):
         self._send = send
         self._message = canopen.frame(sync_id)
         self._period = period

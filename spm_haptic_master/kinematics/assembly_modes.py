@@ -130,7 +130,12 @@ class LockedChain(Generic[N]):
     g: Geometry
 
     @classmethod
-    def of(cls, th1: Sequence[N], g: Geometry, m: Backend[N]) -> LockedChain[N]:
+    def of(
+        cls,
+        th1: Sequence[N],
+        g: Geometry,
+        m: Backend[N],
+    ) -> LockedChain[N]:
         """Return the chain of th1A, th1B, th1C (rad) of a Geometry; nothing is validated."""
         th1a, *others = th1
         c1 = m.cos(th1a)
@@ -302,7 +307,11 @@ def assembly_modes(chain: LockedChain[float]) -> list[Mode]:
     return modes
 
 
-def _same_mode(chain: LockedChain[float], mode: Mode, other: Mode) -> bool:
+def _same_mode(
+    chain: LockedChain[float],
+    mode: Mode,
+    other: Mode,
+) -> bool:
     """Return whether two solutions are one mode: half-way between them the legs close as well."""
     if rotation_distance(mode.quaternion, other.quaternion) > MERGING_ANGLE:
         return False

@@ -38,7 +38,12 @@ LENGTH_TOLERANCE = 1e-6
 LEAST_ANGLE = math.radians(0.1)
 
 
-def check_array(name: str, value: object, shape: Shape, largest: float = LARGEST_NUMBER) -> Array:
+def check_array(
+    name: str,
+    value: object,
+    shape: Shape,
+    largest: float = LARGEST_NUMBER,
+) -> Array:
     """
     Return an argument as an array of finite numbers.
 
@@ -111,12 +116,21 @@ def _all_within(array: Array, largest: float) -> bool:
     return all(-largest <= number <= largest for number in array.ravel().tolist())
 
 
-def check_angles(name: str, value: object, shape: Shape) -> Array:
+def check_angles(
+    name: str,
+    value: object,
+    shape: Shape,
+) -> Array:
     """Return `value` as angles in rad, shape (..., *shape); InputError beyond `LARGEST_ANGLE`."""
     return check_array(name, value, shape, largest=LARGEST_ANGLE)
 
 
-def check_count(name: str, value: object, least: int, most: int) -> int:
+def check_count(
+    name: str,
+    value: object,
+    least: int,
+    most: int,
+) -> int:
     """Return `value` as an int from `least` to `most`; InputError if it is none."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         number = None
@@ -197,7 +211,11 @@ def check_angle(name: str, angle: object) -> float:
     return float(angle)  # type: ignore[arg-type]
 
 
-def _check(name: str, value: object, shape: tuple[int, ...]) -> Array:
+def _check(
+    name: str,
+    value: object,
+    shape: tuple[int, ...],
+) -> Array:
     """Return an array of exactly this shape; GeometryError if it is none."""
     try:
         array = check_array(name, value, shape)
@@ -217,7 +235,12 @@ def check_links(name: str, angles: object) -> Vector[float]:
     return first, second, third
 
 
-def check_axes(name: str, axes: object, symbol: str, nominal: ThreeAxes) -> ThreeAxes:
+def check_axes(
+    name: str,
+    axes: object,
+    symbol: str,
+    nominal: ThreeAxes,
+) -> ThreeAxes:
     """Return unit vectors, none parallel or opposite to its nominal one; GeometryError if not."""
     rows = _check(name, axes, (3, 3))
     unit = []

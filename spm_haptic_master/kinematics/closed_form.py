@@ -209,7 +209,13 @@ def _in_slices(
     return result.reshape(shape + (3, 3))
 
 
-def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geometry) -> Array:
+def _case_2(
+    th1a: Array,
+    th1b: Array,
+    th1c: Array,
+    th3a: Array,
+    geometry: Geometry,
+) -> Array:
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, ARRAYS)
     y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
     c, s = ARRAYS.half_turn(y, x)
@@ -217,7 +223,13 @@ def _case_2(th1a: Array, th1b: Array, th1c: Array, th3a: Array, geometry: Geomet
     return stack_matrix(rotation_from_quaternion(*quaternion))
 
 
-def _case_1(th1a: Array, th1b: Array, th1c: Array, th2a: Array, geometry: Geometry) -> Array:
+def _case_1(
+    th1a: Array,
+    th1b: Array,
+    th1c: Array,
+    th2a: Array,
+    geometry: Geometry,
+) -> Array:
     chain = LockedChain.of((th1a, th1b, th1c), geometry, ARRAYS)
     first, second = chain.turn_equations(np.cos(th2a), np.sin(th2a))
     y, x = _common_turn_point(common_turn(first, second))
@@ -300,7 +312,11 @@ def _carriers(
         yield leg, first, third, equations
 
 
-def closures(readings: tuple[float | None, ...], place: int, g: Geometry) -> Iterator[Closure]:
+def closures(
+    readings: tuple[float | None, ...],
+    place: int,
+    g: Geometry,
+) -> Iterator[Closure]:
     """
     Yield what each reading of a leg says of the orientation: base . R platform = cosine.
 
@@ -317,21 +333,34 @@ def closures(readings: tuple[float | None, ...], place: int, g: Geometry) -> Ite
         yield leg.first, times(leg.platform_frame, in_leg), leg.cos_alpha
 
 
-def before_second(leg: Leg, th1: float, axis: Vector[float]) -> Vector[float]:
+def before_second(
+    leg: Leg,
+    th1: float,
+    axis: Vector[float],
+) -> Vector[float]:
     """Components after a leg's proximal link of a vector in the base: Rx(-alpha) Rz(-th1) B^T."""
     in_leg = transposed_times(leg.base_frame, axis)
     turned = about_z(math.cos(th1), -math.sin(th1), in_leg)
     return about_x(leg.cos_alpha, -leg.sin_alpha, turned)
 
 
-def after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
+def after_second(
+    leg: Leg,
+    th3: float,
+    axis: Vector[float],
+) -> Vector[float]:
     """Components before a leg's distal link of a vector in the platform: Rx(beta) Rz(th3) Q^T."""
     in_leg = transposed_times(leg.platform_frame, axis)
     turned = about_z(math.cos(th3), math.sin(th3), in_leg)
     return about_x(leg.cos_beta, leg.sin_beta, turned)
 
 
-def carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
+def carried_by(
+    leg: Leg,
+    th1: float,
+    th2: float,
+    th3: float,
+) -> Rotation[float]:
     """R_base_platform of a leg's chain, eq. 6."""
     columns = []
     for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):

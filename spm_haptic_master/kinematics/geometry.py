@@ -191,7 +191,11 @@ def carried_constants(leg: Leg, carrier: Leg) -> Carried:
     )
 
 
-def _link_turn(axis: Vector[float], cosine: float, sine: float) -> LinkTurn:
+def _link_turn(
+    axis: Vector[float],
+    cosine: float,
+    sine: float,
+) -> LinkTurn:
     """Return the constants of Rx(link) Rz(t) axis, from cosine and sine of the link's angle."""
     x, y, z = axis
     return x, y, cosine * x, cosine * y, sine * z, sine * x, sine * y, cosine * z

@@ -172,7 +172,11 @@ def inverse(
     return found
 
 
-def batch_angles(matrices: Array, geometry: Geometry, working_mode: WorkingMode) -> JointAngles:
+def batch_angles(
+    matrices: Array,
+    geometry: Geometry,
+    working_mode: WorkingMode,
+) -> JointAngles:
     """Return `inverse` of a batch; nothing is validated."""
     rotation = unstack_matrix(matrices)
     found = []

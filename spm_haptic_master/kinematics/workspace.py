@@ -60,7 +60,11 @@ CIRCLES = 60
 BISECTIONS = 50
 
 
-def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array:
+def workspace_pose(
+    tilt: ArrayLike,
+    azimuth: ArrayLike,
+    phi: ArrayLike,
+) -> Array:
     """
     Poses of the workspace cone.
 

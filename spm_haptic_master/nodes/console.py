@@ -41,7 +41,12 @@ class Console:
 
     """
 
-    def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics) -> None:
+    def __init__(
+        self,
+        driver: EncoderDriver,
+        fkm: Fkm,
+        diagnostics: Diagnostics,
+    ) -> None:
         self._driver = driver
         self._fkm = fkm
         self._diagnostics = diagnostics

@@ -148,7 +148,12 @@ class CrtkState:
         if self._commands is not None:
             self._commands.close()
 
-    def _serve(self, text: str, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+    def _serve(
+        self,
+        text: str,
+        _: Trigger.Request,
+        answer: Trigger.Response,
+    ) -> Trigger.Response:
         """
         Answer a service by a command.
 

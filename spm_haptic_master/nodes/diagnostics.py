@@ -253,7 +253,12 @@ class Diagnostics(ParameterNode):
         if not read_state(message.data):
             self._unknown_state = state.text
 
-    def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
+    def take(
+        self,
+        stamp: int,
+        quaternion: Quaternion[float],
+        level: float = 0.0,
+    ) -> None:
         """
         Store an orientation and its stamp (ns) as the latest, at any protection level.
 

@@ -289,7 +289,12 @@ class EncoderDriver(ParameterNode):
         joints = zip(ALL_JOINT_NAMES, self._angles, strict=False)
         return [name for name, angle in joints if isnan(angle)]
 
-    def _evaluate(self, fault: str | None, caution: str | None, now: float) -> tuple[bytes, str]:
+    def _evaluate(
+        self,
+        fault: str | None,
+        caution: str | None,
+        now: float,
+    ) -> tuple[bytes, str]:
         """
         Return level and text of what the source reports, and of the topic.
 

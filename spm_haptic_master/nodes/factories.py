@@ -107,7 +107,11 @@ def _check_drives(values: Values) -> None:
         _refuse(values, 'drives.torque_limit', expected)
 
 
-def _refuse(values: Values, name: str, expected: str) -> NoReturn:
+def _refuse(
+    values: Values,
+    name: str,
+    expected: str,
+) -> NoReturn:
     """
     Raise SettingError for a value that another setting forbids.
 

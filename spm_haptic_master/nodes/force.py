@@ -316,7 +316,12 @@ class Force:
         if self._drives is not None:
             self._drives.close()
 
-    def _publish(self, stamp: int, rendered: Vector[float], quaternion: Quaternion[float]) -> None:
+    def _publish(
+        self,
+        stamp: int,
+        rendered: Vector[float],
+        quaternion: Quaternion[float],
+    ) -> None:
         """Publish the rendered torque, N m in the base frame, where it is due and wanted."""
         if self._is_wanted and self._grid.is_due(stamp):
             in_handle = transposed_times(rotation_from_quaternion(*quaternion), rendered)
@@ -384,7 +389,12 @@ class MeasuredTorque:
 
     """
 
-    def __init__(self, node: Node, topic: str, frame: WrenchFrame) -> None:
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        frame: WrenchFrame,
+    ) -> None:
         self._frame = frame
         self._message = WrenchStamped()
         self._out = node.create_publisher(WrenchStamped, topic, SAMPLES)
@@ -394,7 +404,12 @@ class MeasuredTorque:
         """Whether anybody wants it."""
         return bool(self._out.get_subscription_count())
 
-    def publish(self, stamp: int, in_base: Vector[float], in_handle: Vector[float]) -> None:
+    def publish(
+        self,
+        stamp: int,
+        in_base: Vector[float],
+        in_handle: Vector[float],
+    ) -> None:
         """
         Publish the torque of a sample, N m in the base and in the platform frame.
 

@@ -37,7 +37,12 @@ class ForceStatus:
 
     """
 
-    def __init__(self, node: Node, controller: ForceController, inputs: ForceInputs) -> None:
+    def __init__(
+        self,
+        node: Node,
+        controller: ForceController,
+        inputs: ForceInputs,
+    ) -> None:
         self._controller = controller
         self._inputs = inputs
         self._status = StatusPublisher(

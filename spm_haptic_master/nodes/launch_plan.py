@@ -90,7 +90,12 @@ class Follower(NamedTuple):
         self._check_slave(f'{argument_prefix}slave_pose', self.pose, argument_prefix)
         self._check_slave(f'{argument_prefix}slave_torque', self.torque, argument_prefix)
 
-    def _check_slave(self, name: str, given: str, argument_prefix: str) -> None:
+    def _check_slave(
+        self,
+        name: str,
+        given: str,
+        argument_prefix: str,
+    ) -> None:
         """Raise InputError where a topic of the slave is given without the slave."""
         if given and not self.slave:
             raise InputError(
@@ -217,7 +222,11 @@ def _check_values(given: Parameters, nodes: Sequence[str]) -> None:
         check_shared_bus(fkm, driver)
 
 
-def _file_words(paths: Sequence[str], namespace: Sequence[str], nodes: Sequence[str]) -> list[str]:
+def _file_words(
+    paths: Sequence[str],
+    namespace: Sequence[str],
+    nodes: Sequence[str],
+) -> list[str]:
     """Return the arguments that give a process the files with parameters of its nodes."""
     words = []
     for path in paths:
@@ -291,7 +300,11 @@ def rviz_config(template: str, namespace: str) -> str:
     return template.replace(TF_PREFIX, f"TF Prefix: '{namespace}'")
 
 
-def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str]) -> list[str]:
+def _words(
+    source: Sequence[str],
+    follower: Follower | None,
+    names: Sequence[str],
+) -> list[str]:
     """Return the arguments of a process beside its files: parameters, and topics of `teleop`."""
     words: list[str] = []
     if source and PIPELINE[0] in names:
@@ -307,7 +320,11 @@ def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str
     return words
 
 
-def source_to_show(source: str, config: str, calibration: str) -> str:
+def source_to_show(
+    source: str,
+    config: str,
+    calibration: str,
+) -> str:
     """
     Return the source of a device to show: a simulation only without a rig's files.
 
@@ -327,7 +344,11 @@ def source_to_show(source: str, config: str, calibration: str) -> str:
     return 'sim'
 
 
-def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
+def mechanism(
+    config: str,
+    calibration: str,
+    namespace: str,
+) -> Geometry:
     """
     Return the mechanism that the files of one arm give its nodes.
 
@@ -356,7 +377,11 @@ def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
     return geometry_from(values)
 
 
-def check_arguments(command_line: Sequence[str], file: str, names: Collection[str]) -> None:
+def check_arguments(
+    command_line: Sequence[str],
+    file: str,
+    names: Collection[str],
+) -> None:
     """
     Refuse launch arguments that a launch file does not have: `ros2 launch` ignores them.
 
@@ -438,7 +463,11 @@ def _namespace(namespace: str) -> list[str]:
     return [f'__ns:=/{name}']
 
 
-def _files(config: str, calibration: str, argument_prefix: str = '') -> list[str]:
+def _files(
+    config: str,
+    calibration: str,
+    argument_prefix: str = '',
+) -> list[str]:
     """Return the absolute paths of the given parameter files; InputError where one is missing."""
     found = []
     for name, given in (('config', config), ('calibration', calibration)):

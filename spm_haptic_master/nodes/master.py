@@ -65,7 +65,11 @@ def compose(done: Future, add: runner.AddNode) -> None:
     Console(driver, fkm, diagnostics).start()
 
 
-def _is_one_topic(topic: str, publisher: Node, subscriber: Fkm | Diagnostics | Teleop) -> bool:
+def _is_one_topic(
+    topic: str,
+    publisher: Node,
+    subscriber: Fkm | Diagnostics | Teleop,
+) -> bool:
     """Return whether a plain call replaces a topic; subscribe where one of the two remaps it."""
     published = publisher.resolve_topic_name(topic)
     if published == subscriber.resolve_topic_name(topic):

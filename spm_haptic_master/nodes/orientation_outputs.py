@@ -146,7 +146,13 @@ class OrientationOutputs:
 
     """
 
-    def __init__(self, node: Node, values: Values, frame_id: str, supervisor: Supervisor) -> None:
+    def __init__(
+        self,
+        node: Node,
+        values: Values,
+        frame_id: str,
+        supervisor: Supervisor,
+    ) -> None:
         self._supervisor = supervisor
         names = ALL_JOINT_NAMES[: values['sensors']]
         # The messages of a sample share one header and one quaternion.
@@ -287,7 +293,12 @@ class OrientationOutputs:
         field[33:36] = block[6:9]
         self._outs[COVARIANCE].publish(self._covariance)
 
-    def _publish_crtk(self, stamp: int, wanted: Collection[str], angles: Sequence[float]) -> None:
+    def _publish_crtk(
+        self,
+        stamp: int,
+        wanted: Collection[str],
+        angles: Sequence[float],
+    ) -> None:
         """
         Publish the topics of CRTK that have a subscriber.
 

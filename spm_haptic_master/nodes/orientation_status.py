@@ -114,7 +114,12 @@ class OrientationStatus:
             if self._taken % EVALUATION_SAMPLES == 0:
                 self._watch.evaluate()
 
-    def publish(self, state: OrientationState, text: str, level: float | None) -> None:
+    def publish(
+        self,
+        state: OrientationState,
+        text: str,
+        level: float | None,
+    ) -> None:
         """
         Publish the entry if it is due.
 
@@ -226,7 +231,12 @@ class LatencyStatus:
 
     """
 
-    def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
+    def __init__(
+        self,
+        node: Node,
+        rate: float,
+        latency_limit: float,
+    ) -> None:
         # Times from sample stamp to publication, and orientations published.
         self.latency = LatencyMeter()
         self.published = RateMeter()
@@ -259,7 +269,12 @@ class LatencyStatus:
         self._parity_sum = 0.0
         self._parity_squares = 0.0
 
-    def add(self, stamp: int, now: int, parity: float) -> None:
+    def add(
+        self,
+        stamp: int,
+        now: int,
+        parity: float,
+    ) -> None:
         """
         Count an orientation.
 

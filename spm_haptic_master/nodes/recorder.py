@@ -75,7 +75,13 @@ class Recorder(ParameterNode):
         """Add the table of a file, which its first row makes."""
         self._tables[name] = Table(self._directory / name, columns)
 
-    def _record(self, kind: Any, topic: str, take: Callable[[Any], None], qos: Any) -> None:
+    def _record(
+        self,
+        kind: Any,
+        topic: str,
+        take: Callable[[Any], None],
+        qos: Any,
+    ) -> None:
         """Subscribe to a topic whose messages are written."""
         self.create_subscription(kind, topic, self._guarded(take), qos)
 

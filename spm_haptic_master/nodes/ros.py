@@ -228,7 +228,11 @@ def _type(name: str) -> Any:
         raise InputError(f'{name}: its package is not installed') from error
 
 
-def _set_field(message: Any, names: list[str], value: object) -> None:
+def _set_field(
+    message: Any,
+    names: list[str],
+    value: object,
+) -> None:
     """
     Set a field of a message.
 

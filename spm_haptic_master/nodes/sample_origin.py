@@ -51,7 +51,12 @@ class SampleOrigin:
 
     """
 
-    def __init__(self, node: Node, mechanism: str, calibration: str) -> None:
+    def __init__(
+        self,
+        node: Node,
+        mechanism: str,
+        calibration: str,
+    ) -> None:
         self._node = node
         self._topic = node.resolve_topic_name('measured_js')
         # What has to be the same in the driver of the topic.

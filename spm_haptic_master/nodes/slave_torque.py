@@ -62,7 +62,12 @@ class SlaveTorque:
         self.refused = 0
         self.invalid = 0
 
-    def forward(self, message: WrenchStamped, slave_frame: str | None, slave: Pose) -> None:
+    def forward(
+        self,
+        message: WrenchStamped,
+        slave_frame: str | None,
+        slave: Pose,
+    ) -> None:
         """
         Forward a torque of the slave with its stamp, or count why not.
 

@@ -131,7 +131,12 @@ class Collector(Client):
             take = partial(self._take_state, device, topic)
             self.node.create_subscription(String, f'{prefix}/{topic}', take, STATE)
 
-    def _take_state(self, device: Device, topic: str, message: String) -> None:
+    def _take_state(
+        self,
+        device: Device,
+        topic: str,
+        message: String,
+    ) -> None:
         """Store the text of a state topic."""
         device.states[topic] = message.data
 

@@ -110,7 +110,11 @@ def screen(device: Device) -> list[str]:
     return lines
 
 
-def _line(level: str, title: str, text: str) -> str:
+def _line(
+    level: str,
+    title: str,
+    text: str,
+) -> str:
     """Return a line: level, name and value."""
     return f'{level} {title:<{NAMES}} {text}'.rstrip()
 

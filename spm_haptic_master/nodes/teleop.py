@@ -162,7 +162,12 @@ class Teleop(ParameterNode):
         if self._has_limit:
             self._inputs.subscribe(Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
 
-    def take(self, stamp: int, quaternion: FloatQuaternion, level: float | None = None) -> None:
+    def take(
+        self,
+        stamp: int,
+        quaternion: FloatQuaternion,
+        level: float | None = None,
+    ) -> None:
         """
         Take an orientation, and publish the command that follows from it.
 

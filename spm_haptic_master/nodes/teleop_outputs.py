@@ -42,7 +42,12 @@ class CommandOutput:
 
     """
 
-    def __init__(self, node: Node, values: Values, now: float) -> None:
+    def __init__(
+        self,
+        node: Node,
+        values: Values,
+        now: float,
+    ) -> None:
         self._pose_out = node.create_publisher(PoseStamped, 'servo_cp', COMMANDS)
         self._twist_out = node.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
         self._twist = TwistStamped()
@@ -69,7 +74,12 @@ class CommandOutput:
         self._write = PoseWriter(frame).write
         self._twist.header.frame_id = frame
 
-    def publish(self, stamp: int, command: Command, now: float) -> None:
+    def publish(
+        self,
+        stamp: int,
+        command: Command,
+        now: float,
+    ) -> None:
         """
         Publish a command.
 
@@ -93,7 +103,12 @@ class CommandOutput:
         self._commanded_at = now
         self._twisted_at = now
 
-    def fade(self, stamp: int, now: float, is_engaged: bool) -> None:
+    def fade(
+        self,
+        stamp: int,
+        now: float,
+        is_engaged: bool,
+    ) -> None:
         """
         Publish the velocity that is left, unless a command has just come.
 
@@ -143,7 +158,12 @@ class JawOutput:
 
     """
 
-    def __init__(self, node: Node, values: Values, inputs: Inputs) -> None:
+    def __init__(
+        self,
+        node: Node,
+        values: Values,
+        inputs: Inputs,
+    ) -> None:
         self._align_speed: float = values['gripper.align_speed']
         self._accepts_unstamped: bool = values['teleop.slave_without_stamps']
         self._gripper = LatestAngle(GRIPPER_TIMEOUT)
@@ -156,7 +176,12 @@ class JawOutput:
         inputs.subscribe(JointState, 'gripper/measured_js', self._gripper.take, SAMPLES)
         inputs.subscribe(JointState, 'slave/jaw/measured_js', self._on_jaw, EVENTS)
 
-    def follow(self, stamp: int, start: int, now: float) -> None:
+    def follow(
+        self,
+        stamp: int,
+        start: int,
+        now: float,
+    ) -> None:
         """
         Command the jaw together with a command of the slave.
 

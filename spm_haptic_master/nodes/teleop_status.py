@@ -44,7 +44,12 @@ class TeleopStatus:
 
     """
 
-    def __init__(self, node: Node, machine: Teleoperation, torque: SlaveTorque | None) -> None:
+    def __init__(
+        self,
+        node: Node,
+        machine: Teleoperation,
+        torque: SlaveTorque | None,
+    ) -> None:
         self._node = node
         self._machine = machine
         self._torque = torque

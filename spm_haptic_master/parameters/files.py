@@ -291,7 +291,12 @@ def _check_event(event: Any) -> None:
         )
 
 
-def _syntax(origin: str, text: str, line: int, problem: str) -> str:
+def _syntax(
+    origin: str,
+    text: str,
+    line: int,
+    problem: str,
+) -> str:
     """
     Describe the error in a text in YAML, which a parser finds a line or more later.
 
@@ -325,7 +330,11 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
     return f'{origin}:{line + 1}: not valid YAML: {problem}'
 
 
-def _sections(path: str, prefix: str, tree: dict[str, yaml.Node]) -> Iterator[Section]:
+def _sections(
+    path: str,
+    prefix: str,
+    tree: dict[str, yaml.Node],
+) -> Iterator[Section]:
     """
     Yield the sections of a file; names may be nested, a namespace above its nodes.
 
@@ -361,7 +370,12 @@ def _sections(path: str, prefix: str, tree: dict[str, yaml.Node]) -> Iterator[Se
         yield from _sections(path, nodes, entries)
 
 
-def _section(origin: str, nodes: str, name: str, tree: yaml.Node) -> Section:
+def _section(
+    origin: str,
+    nodes: str,
+    name: str,
+    tree: yaml.Node,
+) -> Section:
     """Return the section of a tree's parameters; InputError for a name given twice."""
     values: dict[str, object] = {}
     for full, value in _parameters(origin, name, tree):
@@ -371,7 +385,11 @@ def _section(origin: str, nodes: str, name: str, tree: yaml.Node) -> Section:
     return Section(origin, nodes, values)
 
 
-def _absolute(origin: str, name: str, prefix: str = '') -> str:
+def _absolute(
+    origin: str,
+    name: str,
+    prefix: str = '',
+) -> str:
     """Return the absolute name of nodes; InputError for one with an empty part."""
     nodes = f'{prefix}/{name.removeprefix("/")}'
     if '//' in f'{nodes}/':
@@ -379,7 +397,11 @@ def _absolute(origin: str, name: str, prefix: str = '') -> str:
     return nodes
 
 
-def _entries(origin: str, tree: yaml.Node, missing: str = '') -> dict[str, yaml.Node]:
+def _entries(
+    origin: str,
+    tree: yaml.Node,
+    missing: str = '',
+) -> dict[str, yaml.Node]:
     """
     Return keys and nodes of a mapping; InputError for a key given twice, or for no mapping.
 
@@ -415,7 +437,11 @@ def _entries(origin: str, tree: yaml.Node, missing: str = '') -> dict[str, yaml.
     return entries
 
 
-def _parameters(origin: str, name: str, node: yaml.Node) -> Iterator[tuple[str, object]]:
+def _parameters(
+    origin: str,
+    name: str,
+    node: yaml.Node,
+) -> Iterator[tuple[str, object]]:
     """Yield dotted names and values of a node of the tree."""
     if isinstance(node, yaml.MappingNode):
         for key, inner in _entries(origin, node).items():

@@ -100,7 +100,12 @@ class Parameters:
         name = self._remapped('__node', node, node)
         return f'{self._remapped("__ns", name, "/").rstrip("/")}/{name}'
 
-    def _remapped(self, what: str, node: str, default: str) -> str:
+    def _remapped(
+        self,
+        what: str,
+        node: str,
+        default: str,
+    ) -> str:
         """
         Return the first value for a node; rcl asks for `__ns` by its name after `__node`.
 

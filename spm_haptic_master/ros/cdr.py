@@ -222,7 +222,12 @@ class PoseWriter:
         self._frame = _text(frame_id)
         self._pack = _stamped_layout(len(self._frame), 7).pack
 
-    def write(self, stamp: int, position: Vector[float], quaternion: Quaternion[float]) -> bytes:
+    def write(
+        self,
+        stamp: int,
+        position: Vector[float],
+        quaternion: Quaternion[float],
+    ) -> bytes:
         """Return the serialized message: stamp in ns, position in m, quaternion x, y, z, w."""
         seconds, nanoseconds = divmod(stamp, SECOND)
         return self._pack(LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *position, *quaternion)

@@ -92,7 +92,11 @@ class Client:
         raise InputError(f'{service}: no answer within {self.PATIENCE:g} s')
 
 
-def run(name: str, program: Callable[[], int], ros_arguments: Sequence[str] = ()) -> int:
+def run(
+    name: str,
+    program: Callable[[], int],
+    ros_arguments: Sequence[str] = (),
+) -> int:
     """
     Run a program with rclpy and return its exit code.
 

@@ -57,7 +57,13 @@ class StatusPublisher:
 
     """
 
-    def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True) -> None:
+    def __init__(
+        self,
+        node: Node,
+        aspect: str,
+        hardware_id: str,
+        logs: bool = True,
+    ) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {aspect}'

@@ -100,7 +100,11 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
             node.destroy_node()
 
 
-def _wait(nodes: Sequence[Node], topics: Sequence[str], is_ended: Callable[[], object]) -> None:
+def _wait(
+    nodes: Sequence[Node],
+    topics: Sequence[str],
+    is_ended: Callable[[], object],
+) -> None:
     """Return after `LOOK` without another publisher; errors as `wait_until_alone`."""
     began = time.monotonic()
     passed = 0.0

@@ -169,7 +169,12 @@ class SampledTopic(Generic[MessageType]):
 
     """
 
-    def __init__(self, taker: Node, kind: type[MessageType], topic: str) -> None:
+    def __init__(
+        self,
+        taker: Node,
+        kind: type[MessageType],
+        topic: str,
+    ) -> None:
         self._taker = taker
         self._kind = kind
         self._topic = topic

@@ -128,7 +128,12 @@ class NodeLog:
         self._thread = threading.Thread(target=self._run, name='log', daemon=True)
         self._thread.start()
 
-    def put(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
+    def put(
+        self,
+        logger: RcutilsLogger,
+        severity: LoggingSeverity,
+        text: str,
+    ) -> None:
         """Queue a line without waiting; it is lost if the queue is full."""
         with suppress(Full):
             self._queue.put_nowait((logger, (severity, text)))
@@ -177,7 +182,11 @@ class NodeLog:
                 self._console.put(line)
 
 
-def write(logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
+def write(
+    logger: RcutilsLogger,
+    severity: LoggingSeverity,
+    text: str,
+) -> None:
     """Log a line by rclpy, in the calling thread."""
     # rclpy requires that each severity is logged from a line of its own.
     if severity == LoggingSeverity.ERROR:
@@ -217,7 +226,11 @@ def is_coloured(descriptor: int) -> bool:
     return wanted == '1' or (os.isatty(descriptor) and os.environ.get('TERM') != 'dumb')
 
 
-def _put(severity: LoggingSeverity, node: Node, text: str) -> None:
+def _put(
+    severity: LoggingSeverity,
+    node: Node,
+    text: str,
+) -> None:
     """Log a line of a node; by rclpy itself in another program's process, which has no log."""
     logger = node.get_logger()
     if _log is None:

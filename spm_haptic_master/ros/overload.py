@@ -59,7 +59,12 @@ class Overload:
         # Message with the time lost; empty while the machine is not too busy.
         self.words = ''
 
-    def tick(self, now: float, elsewhere: float = 0.0, reported: str = '') -> None:
+    def tick(
+        self,
+        now: float,
+        elsewhere: float = 0.0,
+        reported: str = '',
+    ) -> None:
         """
         Take a run of the task, and derive whether the machine is too busy.
 

@@ -179,13 +179,22 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
     )
 
 
-def _check_name(text: str, what: str, name: str, known: Collection[str]) -> None:
+def _check_name(
+    text: str,
+    what: str,
+    name: str,
+    known: Collection[str],
+) -> None:
     """Raise InputError where a part of a quirk's text is none of the known names."""
     if name not in known:
         raise InputError(f"quirk '{text}': {what} '{name}'; expected one of {', '.join(known)}")
 
 
-def _value(text: str, kind: str, value: str | None) -> tuple[int, int | None]:
+def _value(
+    text: str,
+    kind: str,
+    value: str | None,
+) -> tuple[int, int | None]:
     """
     Return number, or index, and subindex of a quirk's value.
 
@@ -221,7 +230,11 @@ def _value(text: str, kind: str, value: str | None) -> tuple[int, int | None]:
     return number, place
 
 
-def _object(text: str, value: str, unit: str | None) -> tuple[int, int | None]:
+def _object(
+    text: str,
+    value: str,
+    unit: str | None,
+) -> tuple[int, int | None]:
     """Return number, or index, and subindex of a value; None without a subindex."""
     index, _, subindex = value.partition(':')
     try:

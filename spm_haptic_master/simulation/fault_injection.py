@@ -162,7 +162,11 @@ class Faults:
         return news
 
 
-def parse_fault(text: str, sensors: int = len(JOINT_NAMES), axes: tuple[str, ...] = ()) -> Fault:
+def parse_fault(
+    text: str,
+    sensors: int = len(JOINT_NAMES),
+    axes: tuple[str, ...] = (),
+) -> Fault:
     """
     Return the fault of a text of the command line.
 
@@ -242,7 +246,11 @@ def _numbers(text: str, found: re.Match[str]) -> tuple[float, float, float]:
     return start, duration, number
 
 
-def _check_finite(text: str, what: str, size: float) -> None:
+def _check_finite(
+    text: str,
+    what: str,
+    size: float,
+) -> None:
     """Raise InputError where a number of a fault's text is not finite."""
     if not isfinite(size):
         raise _wrong(text, f': {what} is {size:g}; expected a finite number')

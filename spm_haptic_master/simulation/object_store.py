@@ -80,13 +80,21 @@ def heartbeat(node_id: int, state: int) -> can.Message:
     return canopen.frame(identifier, bytes((state,)))
 
 
-def is_nmt_command(identifier: int, data: bytes, node_id: int) -> bool:
+def is_nmt_command(
+    identifier: int,
+    data: bytes,
+    node_id: int,
+) -> bool:
     """Return whether a frame is an NMT command to a node, or to all nodes."""
     is_command = identifier == canopen.NMT_ID and len(data) == 2
     return is_command and data[1] in (0, node_id)
 
 
-def is_sdo_request(identifier: int, data: bytes, node_id: int) -> bool:
+def is_sdo_request(
+    identifier: int,
+    data: bytes,
+    node_id: int,
+) -> bool:
     """Return whether a frame is an SDO request to a node."""
     is_to_node = identifier == canopen.SDO_REQUEST_BASE + node_id
     return is_to_node and len(data) == canopen.SDO_LENGTH

@@ -173,7 +173,11 @@ class Tolerances:
     second_harmonic: float = 0.0
 
 
-def perfect_rig(geometry: Geometry, noise: float, sensors: int = len(JOINT_NAMES)) -> Rig:
+def perfect_rig(
+    geometry: Geometry,
+    noise: float,
+    sensors: int = len(JOINT_NAMES),
+) -> Rig:
     """
     Return a rig as drawn, with noise as its only error.
 
@@ -270,7 +274,11 @@ def _without_doubles(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return content
 
 
-def _mechanism(path: str | Path, content: dict[str, Any], drawn: Geometry) -> Geometry:
+def _mechanism(
+    path: str | Path,
+    content: dict[str, Any],
+    drawn: Geometry,
+) -> Geometry:
     """Return the mechanism of a rig's file; what it lacks is as drawn."""
     alphas = list(drawn.alphas)
     if 'alpha_deg' in content:
@@ -391,7 +399,11 @@ def rig_text(rig: Rig) -> str:
     return '{\n' + ',\n'.join(lines) + '\n}\n'
 
 
-def _converted(key: str, convert: Callable[[float], float], value: Any) -> Any:
+def _converted(
+    key: str,
+    convert: Callable[[float], float],
+    value: Any,
+) -> Any:
     """Return an angle of a sensor, or a pair, converted; a `delay` as it is."""
     if key == 'delay':
         return value
@@ -451,7 +463,11 @@ def make_rig(values: Values) -> Rig:
     return perfect_rig(geometry, noise, sensors)
 
 
-def _complaint(key: str, value: Any, sensors: int) -> str:
+def _complaint(
+    key: str,
+    value: Any,
+    sensors: int,
+) -> str:
     """
     Return the expectation that a key or its value violates.
 

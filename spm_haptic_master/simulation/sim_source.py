@@ -255,7 +255,11 @@ def _joints(kind: str, faults: Iterable[Fault]) -> list[int]:
     return sorted(found)
 
 
-def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:
+def _measured(
+    angle: float,
+    per_turn: int,
+    harmonics: Harmonics | None,
+) -> float:
     """Return an angle as the driver has it, rad: quantised, then corrected by its harmonics."""
     counts = counts_from_angle(
         angle=angle,

@@ -177,7 +177,12 @@ class SimulatedBus:
                 answers += self._answers(index, now, angles[index])
         return answers
 
-    def _answers(self, index: int, now: float, angle: float) -> list[can.Message]:
+    def _answers(
+        self,
+        index: int,
+        now: float,
+        angle: float,
+    ) -> list[can.Message]:
         """
         Return what an encoder sends with a SYNC.
 
@@ -296,7 +301,12 @@ class SimulatedBus:
             return self.nodes[fault.joint].boot()
         return []
 
-    def _emergency(self, fault: Fault, node: SimulatedNode, begins: bool) -> list[can.Message]:
+    def _emergency(
+        self,
+        fault: Fault,
+        node: SimulatedNode,
+        begins: bool,
+    ) -> list[can.Message]:
         """Return the emergency that begins or ends; the register has what is left."""
         if node.node_id is None:
             return []

@@ -76,7 +76,12 @@ class DriveObjects(ObjectStore):
 
     """
 
-    def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
+    def __init__(
+        self,
+        plan: Plan,
+        own: DrivePlan,
+        factory: bool,
+    ):
         wanted = drive_objects(plan, own)
         entries = identity(DEVICE_TYPE, own.node_id)
         for each in wanted.every:
@@ -154,7 +159,12 @@ class SimulatedDrive:
 
     """
 
-    def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
+    def __init__(
+        self,
+        plan: Plan,
+        own: DrivePlan,
+        factory: bool,
+    ):
         self.node_id = own.node_id
         self.objects = DriveObjects(plan, own, factory)
         self.faults: dict[str, float] = {}
@@ -228,7 +238,12 @@ class SimulatedDrive:
             return canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F)
         return None
 
-    def _take_pdo(self, identifier: int, data: bytes, now: float) -> list[can.Message]:
+    def _take_pdo(
+        self,
+        identifier: int,
+        data: bytes,
+        now: float,
+    ) -> list[can.Message]:
         """Take a frame that is one of its RPDOs, while the node is operational."""
         found: list[can.Message] = []
         if self.nmt != canopen.OPERATIONAL:
@@ -306,7 +321,12 @@ class SimulatedDrive:
             self._disable()
         return []
 
-    def _take(self, number: int, data: bytes, now: float) -> list[can.Message]:
+    def _take(
+        self,
+        number: int,
+        data: bytes,
+        now: float,
+    ) -> list[can.Message]:
         """
         Take a PDO, as it is mapped.
 
@@ -458,7 +478,11 @@ class SimulatedDrive:
         return [status]
 
 
-def _is_over(since: float | None, limit: int, now: float) -> bool:
+def _is_over(
+    since: float | None,
+    limit: int,
+    now: float,
+) -> bool:
     """Return whether a limit, ms, has passed since a time, s; 0 is no limit, None no time."""
     if not limit or since is None:
         return False
@@ -487,7 +511,12 @@ class SimulatedDrives:
 
     """
 
-    def __init__(self, plan: Plan, faults: tuple[Fault, ...] = (), factory: bool = False):
+    def __init__(
+        self,
+        plan: Plan,
+        faults: tuple[Fault, ...] = (),
+        factory: bool = False,
+    ):
         self.drives = tuple(SimulatedDrive(plan, own, factory) for own in plan.drives)
         known = range(len(self.drives))
         self.faults = Faults(fault for fault in faults if fault.joint in known)

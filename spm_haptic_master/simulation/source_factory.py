@@ -25,7 +25,11 @@ from spm_haptic_master.simulation.sim_source import SimSource
 HEARTBEAT_TIMEOUT = 1.0
 
 
-def make_source(name: str, values: Values, drives: tuple[int, ...] = ()) -> EncoderSource:
+def make_source(
+    name: str,
+    values: Values,
+    drives: tuple[int, ...] = (),
+) -> EncoderSource:
     """
     Make a source of joint samples.
 

@@ -102,7 +102,12 @@ class Steering:
         ] * 2
         self._latest = 0.0
 
-    def steer(self, tilt: float, azimuth: float, phi: float) -> None:
+    def steer(
+        self,
+        tilt: float,
+        azimuth: float,
+        phi: float,
+    ) -> None:
         """
         Lead the platform to a pose, given as for `workspace_pose`.
 
@@ -201,7 +206,12 @@ class Steering:
         return Place(*parts)
 
 
-def _check_angle(name: str, angle: float, least: float, most: float) -> None:
+def _check_angle(
+    name: str,
+    angle: float,
+    least: float,
+    most: float,
+) -> None:
     """Raise InputError where an angle to steer to is out of its range, rad."""
     if not least <= angle <= most:
         low = degrees(least)
@@ -209,7 +219,11 @@ def _check_angle(name: str, angle: float, least: float, most: float) -> None:
         raise InputError(f'{name} {degrees(angle):g} deg; expected {low:g} to {high:g}')
 
 
-def place(psi: float, theta: float, phi: float) -> Place:
+def place(
+    psi: float,
+    theta: float,
+    phi: float,
+) -> Place:
     """
     Return the place of a pose.
 

@@ -202,12 +202,20 @@ def _arm_poses() -> list[list[list[float]]]:
     return found
 
 
-def fixed(psi: float, theta: float, phi: float) -> Trajectory:
+def fixed(
+    psi: float,
+    theta: float,
+    phi: float,
+) -> Trajectory:
     """Return a motion that rests at one pose (rad)."""
     return lambda t: (psi, theta, phi)
 
 
-def tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float]:
+def tilted(
+    tilt: float,
+    azimuth: float,
+    phi: float,
+) -> tuple[float, float, float]:
     """
     Return the ZXZ angles of a pose given as for `workspace_pose`.
 

@@ -13,7 +13,11 @@ from __future__ import annotations
 from math import sqrt
 
 
-def braking_speed(room: float, dt: float, acceleration: float) -> float:
+def braking_speed(
+    room: float,
+    dt: float,
+    acceleration: float,
+) -> float:
     """
     Return the largest speed of one step after which the rest can stop within what is left.
 
@@ -40,7 +44,11 @@ def braking_speed(room: float, dt: float, acceleration: float) -> float:
     return acceleration * (sqrt(dt * dt + 2.0 * room / acceleration) - dt)
 
 
-def closing_speed(distance: float, dt: float, gain: float) -> float:
+def closing_speed(
+    distance: float,
+    dt: float,
+    gain: float,
+) -> float:
     """
     Return the largest speed from which equal steps end exactly at a distance.
 

@@ -120,7 +120,12 @@ class LimitedRotation:
         """Take the next target as one to move to from here: what the command is behind is lost."""
         self._target = None
 
-    def _broken_by(self, wanted: FloatVector, moving: FloatVector, step: Step) -> str:
+    def _broken_by(
+        self,
+        wanted: FloatVector,
+        moving: FloatVector,
+        step: Step,
+    ) -> str:
         """Return which limit a step at the wanted velocity would break; empty if none."""
         if norm(wanted) > (1.0 + ROUNDING) * step.speed:
             return 'speed'
@@ -132,7 +137,12 @@ class LimitedRotation:
             return 'acceleration'
         return ''
 
-    def _slew(self, target: FloatQuaternion, moving: FloatVector, step: Step) -> str:
+    def _slew(
+        self,
+        target: FloatQuaternion,
+        moving: FloatVector,
+        step: Step,
+    ) -> str:
         """Move as far towards the target as the limits allow; return a limit that cannot hold."""
         velocity = self._slewed_velocity(moving, step)
         if norm(velocity) * step.dt > (1.0 + ROUNDING) * self._limits.jump:
@@ -186,7 +196,12 @@ class LimitedRotation:
         else:
             self.rotation = (-x, -y, -z, -w)
 
-    def _kept_in(self, cone: TiltCone, rotation: FloatQuaternion, dt: float) -> FloatQuaternion:
+    def _kept_in(
+        self,
+        cone: TiltCone,
+        rotation: FloatQuaternion,
+        dt: float,
+    ) -> FloatQuaternion:
         """Return the rotation, or the nearest one whose tilt can still stop at the cone."""
         before = self._tilt
         self._tilt = cone.tilt(rotation)

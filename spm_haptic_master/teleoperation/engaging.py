@@ -291,7 +291,12 @@ class Teleoperation:
             self.disengage(NO_ORIENTATION)
         return True
 
-    def _is_advanced(self, following: Following, stamp: int, master: FloatQuaternion) -> bool:
+    def _is_advanced(
+        self,
+        following: Following,
+        stamp: int,
+        master: FloatQuaternion,
+    ) -> bool:
         """Return whether the command has moved; a limit that it would break disengages."""
         used = min((stamp - following.stamp) / SECOND, self._limits.longest)
         if used > self._budget:

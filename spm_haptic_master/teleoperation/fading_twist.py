@@ -32,7 +32,12 @@ class FadingTwist:
 
     """
 
-    def __init__(self, acceleration: float, sliding_acceleration: float, zeros: int) -> None:
+    def __init__(
+        self,
+        acceleration: float,
+        sliding_acceleration: float,
+        zeros: int,
+    ) -> None:
         self._acceleration = acceleration
         self._sliding_acceleration = sliding_acceleration
         self._zeros = zeros

@@ -89,7 +89,12 @@ class Following:
             return Command(Pose(rotation, self._position), Motion(angular))
         return self._centre.command(rotation, angular)
 
-    def advance(self, master: FloatQuaternion, insertion: float, stamp: int) -> str:
+    def advance(
+        self,
+        master: FloatQuaternion,
+        insertion: float,
+        stamp: int,
+    ) -> str:
         """
         Command what follows from an orientation of the master.
 
@@ -137,7 +142,12 @@ class Following:
             target = cone.within(target, cone.largest)
         return self._command.advance(target, dt)
 
-    def _shrink_offset(self, before: float, left: float, dt: float) -> None:
+    def _shrink_offset(
+        self,
+        before: float,
+        left: float,
+        dt: float,
+    ) -> None:
         """Shrink the offset that is left, rad; it shrank at the speed `before`, rad/s."""
         angle = left
         if left <= ALIGNED:

@@ -31,7 +31,13 @@ class FollowingJaw:
 
     """
 
-    def __init__(self, align_speed: float, gripper: float, jaw: float, stamp: int) -> None:
+    def __init__(
+        self,
+        align_speed: float,
+        gripper: float,
+        jaw: float,
+        stamp: int,
+    ) -> None:
         self._align_speed = align_speed
         self._offset = jaw - gripper
         self._stamp = stamp

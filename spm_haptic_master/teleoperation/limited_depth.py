@@ -91,7 +91,12 @@ class LimitedDepth:
             return 'insertion acceleration'
         return ''
 
-    def _approach(self, target: float, target_rate: float, dt: float) -> float:
+    def _approach(
+        self,
+        target: float,
+        target_rate: float,
+        dt: float,
+    ) -> float:
         """Return the rate to where a target was that moves, able to stay with it, m/s."""
         error = target - self.depth
         speed = closing_speed(abs(error), dt, self._limits.acceleration * dt)
@@ -109,6 +114,10 @@ class LimitedDepth:
         return _clamped(allowed, self.rate - gain, self.rate + gain)
 
 
-def _clamped(value: float, smallest: float, largest: float) -> float:
+def _clamped(
+    value: float,
+    smallest: float,
+    largest: float,
+) -> float:
     """Return the nearest value in a range."""
     return min(max(value, smallest), largest)

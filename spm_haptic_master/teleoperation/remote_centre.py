@@ -92,7 +92,11 @@ def shaft_through(trocar: FloatVector, slave: Pose) -> FloatVector:
     return rotate(conjugate(slave.rotation), scaled(lever, 1.0 / norm(lever)))
 
 
-def distance_from_shaft(point: FloatVector, slave: Pose, shaft: FloatVector) -> float:
+def distance_from_shaft(
+    point: FloatVector,
+    slave: Pose,
+    shaft: FloatVector,
+) -> float:
     """
     Return the distance from a point to the line of a slave's shaft, m.
 
@@ -149,7 +153,11 @@ def obstacle(
     return off_the_trocar(trocar, slave, shaft)
 
 
-def off_the_trocar(trocar: FloatVector, slave: Pose, shaft: FloatVector) -> str:
+def off_the_trocar(
+    trocar: FloatVector,
+    slave: Pose,
+    shaft: FloatVector,
+) -> str:
     """
     Return that a slave's shaft passes its trocar too far aside, and how far; empty if it does not.
 

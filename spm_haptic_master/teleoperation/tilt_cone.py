@@ -33,7 +33,12 @@ class TiltCone:
 
     """
 
-    def __init__(self, shaft: FloatVector, axis: FloatVector, largest: float) -> None:
+    def __init__(
+        self,
+        shaft: FloatVector,
+        axis: FloatVector,
+        largest: float,
+    ) -> None:
         self._shaft = shaft
         self._axis = axis
         self.largest = largest

@@ -63,7 +63,11 @@ def rotation_between(one: FloatQuaternion, other: FloatQuaternion) -> FloatVecto
     return vector_from_quaternion(*multiply_quaternions(other, conjugate(one)))
 
 
-def moved_toward(before: FloatVector, wanted: FloatVector, gain: float) -> FloatVector:
+def moved_toward(
+    before: FloatVector,
+    wanted: FloatVector,
+    gain: float,
+) -> FloatVector:
     """Return the vector nearest to the wanted one that differs from `before` by `gain` at most."""
     change = difference(wanted, before)
     size = norm(change)
