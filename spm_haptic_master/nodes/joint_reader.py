@@ -11,10 +11,10 @@ from struct import Struct
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from spm_haptic_master.ros.cdr import aligned, LITTLE_ENDIAN, text_field
 from spm_haptic_master.timing import SECOND
 
-# Encapsulation identifier of little-endian CDR, and the counts of no velocities and no efforts.
-LITTLE_ENDIAN = b'\x00\x01'
+# The counts of no velocities and no efforts.
 NOTHING_ELSE = bytes(8)
 # A sequence of one element begins with its count.
 ONE = (1).to_bytes(4, 'little')
@@ -80,17 +80,6 @@ class JointReader:
 
     def _arrange(self, frame_id: str) -> None:
         """Have the layout of messages with a frame_id."""
-        self._repeated = [_text(frame_id), ONE, _text(self._name), ONE]
-        layout = '<2s2xiI'
-        size = 8
-        for field in self._repeated:
-            padding = -size % 4
-            layout += f'{padding}x{len(field)}s'
-            size += padding + len(field)
-        self._unpack = Struct(f'{layout}{-size % 8}xd8s').unpack_from
-
-
-def _text(text: str) -> bytes:
-    """Return a string in CDR: its length, its characters, a zero byte."""
-    characters = text.encode() + b'\x00'
-    return len(characters).to_bytes(4, 'little') + characters
+        self._repeated = [text_field(frame_id), ONE, text_field(self._name), ONE]
+        layout, size = aligned(self._repeated, 8)
+        self._unpack = Struct(f'<2s2xiI{layout}{-size % 8}xd8s').unpack_from

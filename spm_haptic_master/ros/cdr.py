@@ -12,6 +12,7 @@ and written by `struct`. A `measured_js` that differs from the layout of `encode
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite, isinf
 from struct import error as StructError
 from struct import Struct
@@ -28,10 +29,20 @@ from spm_haptic_master.timing import SECOND
 LITTLE_ENDIAN = b'\x00\x01'
 
 
-def _text(text: str) -> bytes:
-    """Return a string in CDR: its length, its characters, a zero byte."""
+def text_field(text: str) -> bytes:
+    """Return a string as it stands in CDR: length, characters and 0."""
     characters = text.encode() + b'\x00'
     return len(characters).to_bytes(4, 'little') + characters
+
+
+def aligned(fields: Sequence[bytes], size: int) -> tuple[str, int]:
+    """Return the layout of fields at multiples of 4 bytes behind `size` bytes, and their end."""
+    layout = ''
+    for field in fields:
+        padding = -size % 4
+        layout += f'{padding}x{len(field)}s'
+        size += padding + len(field)
+    return layout, size
 
 
 class JointsFormat:
@@ -52,22 +63,17 @@ class JointsFormat:
 
     def __init__(self, sensors: int, frame_id: str = '') -> None:
         self._names = ALL_JOINT_NAMES[:sensors]
-        self._arrange(_text(frame_id))
+        self._arrange(text_field(frame_id))
 
     def _arrange(self, frame: bytes) -> None:
         """Have the layout with a frame_id, in CDR."""
-        names = tuple(map(_text, self._names))
+        names = tuple(map(text_field, self._names))
         count = len(self._names).to_bytes(4, 'little')
-        texts = ''
-        size = 8
-        for field in (frame, count, *names, count):
-            padding = -size % 4
-            texts += f'{padding}x{len(field)}s'
-            size += padding + len(field)
+        self._before = (frame, count, *names, count)
+        texts, size = aligned(self._before, 8)
         layout = Struct(f'<2s2xiI{texts}{-size % 8}x{len(names)}d8s')
         self._pack = layout.pack
         self._unpack = layout.unpack_from
-        self._before = (frame, count, *names, count)
         self._after = bytes(8)
         # Indices of the first position among the unpacked fields, and behind the last one.
         self._first = 3 + len(self._before)
@@ -152,7 +158,7 @@ class JointsFormat:
                 'incomplete sample', f'{len(joints.position)} positions, expected {len(names)}'
             )
         # The next one of this publisher is read by the layout, if it is only another frame_id.
-        self._arrange(_text(joints.header.frame_id))
+        self._arrange(text_field(joints.header.frame_id))
         stamp = joints.header.stamp
         return stamp.sec * SECOND + stamp.nanosec, tuple(joints.position)
 
@@ -180,7 +186,7 @@ class OrientationReader:
     """Reads serialized QuaternionStamped messages of one publisher after the other."""
 
     def __init__(self) -> None:
-        self._arrange(_text(''))
+        self._arrange(text_field(''))
 
     def _arrange(self, frame: bytes) -> None:
         """Have the layout with a frame_id, in CDR."""
@@ -196,7 +202,7 @@ class OrientationReader:
             if order == LITTLE_ENDIAN and frame == self._frame:
                 return seconds * SECOND + nanoseconds, (x, y, z, w)
         message = deserialize_message(data, QuaternionStamped)
-        self._arrange(_text(message.header.frame_id))
+        self._arrange(text_field(message.header.frame_id))
         stamp = message.header.stamp
         q = message.quaternion
         return stamp.sec * SECOND + stamp.nanosec, (q.x, q.y, q.z, q.w)
@@ -206,7 +212,7 @@ class OrientationWriter:
     """Serializes QuaternionStamped messages in the frame `frame_id`."""
 
     def __init__(self, frame_id: str) -> None:
-        self._frame = _text(frame_id)
+        self._frame = text_field(frame_id)
         self._pack = _stamped_layout(len(self._frame), 4).pack
 
     def write(self, stamp: int, quaternion: Quaternion[float]) -> bytes:
@@ -219,7 +225,7 @@ class PoseWriter:
     """Serializes PoseStamped messages in the frame `frame_id`."""
 
     def __init__(self, frame_id: str) -> None:
-        self._frame = _text(frame_id)
+        self._frame = text_field(frame_id)
         self._pack = _stamped_layout(len(self._frame), 7).pack
 
     def write(

@@ -51,9 +51,11 @@ class Client:
     def wait(self, condition: Callable[[], Any], seconds: float) -> Any:
         """Receive until a condition holds or a time, s, is over; return the condition's value."""
         end = time.monotonic() + seconds
-        while not (found := condition()) and time.monotonic() < end:
+        while not (found := condition()):
             remaining = end - time.monotonic()
-            self._executor.spin_once(timeout_sec=max(0.0, min(POLL_PERIOD, remaining)))
+            if remaining <= 0.0:
+                break
+            self._executor.spin_once(timeout_sec=min(POLL_PERIOD, remaining))
         return found
 
     def ask(self, service: str, kind: Any, **fields: object) -> Any:
@@ -81,10 +83,9 @@ class Client:
         request = kind.Request(**fields)
         # A server that was found first may be one that is gone. Parameters may be asked for again;
         # another request might be done twice.
+        attempts = 1
         if kind.__module__.startswith(PARAMETERS):
             attempts = PARAMETER_ATTEMPTS
-        else:
-            attempts = 1
         for _ in range(attempts):
             answer = client.call_async(request)
             if self.wait(answer.done, self.PATIENCE / attempts):

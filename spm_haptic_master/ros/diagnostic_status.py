@@ -115,14 +115,20 @@ class StatusPublisher:
         """
         self._is_started = self._is_started or not starting or level == ERROR
         if self._logs and self._is_started:
-            self._log(*(logged or (level, message)))
+            logged_level, logged_message = logged or (level, message)
+            self._log(logged_level, logged_message)
         self._subject = level, message if subject is None else subject
         self.message = message
         self._published_at = time.monotonic()
         status = DiagnosticStatus(
-            level=level, name=self._name, message=message, hardware_id=self._hardware_id
+            level=level,
+            name=self._name,
+            message=message,
+            hardware_id=self._hardware_id,
         )
-        status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+        for key, value in values.items():
+            entry = KeyValue(key=key, value=_text(value))
+            status.values.append(entry)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)

@@ -57,7 +57,8 @@ class Rivals:
     def found(self) -> str | None:
         """Return on which topic several nodes publish, their names and the cure; None if none."""
         if self._count.is_due(time.monotonic()):
-            self._found = next(filter(None, map(self._several, self._topics)), None)
+            reasons = map(self._several, self._topics)
+            self._found = next(filter(None, reasons), None)
         return self._found
 
     def _several(self, topic: str) -> str | None:
@@ -146,7 +147,8 @@ def _first_taken(nodes: Sequence[Node], topics: Sequence[str]) -> str:
 
 def publishers(node: Node, topic: str) -> tuple[str, ...]:
     """Return the full names of the nodes that publish on a topic, one for each publisher."""
-    return tuple(sorted(map(full_name, node.get_publishers_info_by_topic(topic))))
+    found = node.get_publishers_info_by_topic(topic)
+    return tuple(sorted(map(full_name, found)))
 
 
 def full_name(publisher: TopicEndpointInfo) -> str:

@@ -67,12 +67,23 @@ class Inputs:
             Called when a publisher has gone, even if it is back.
 
         """
-        self._inputs.append(_Input(self._node, kind, topic, callback, qos, raw, gone))
+        self._inputs.append(
+            _Input(
+                node=self._node,
+                kind=kind,
+                topic=topic,
+                callback=callback,
+                qos=qos,
+                raw=raw,
+                gone=gone,
+            )
+        )
 
     def unheard(self) -> str:
         """Return which publisher is not heard, and why; empty if all are. Polled now and then."""
         if self._poll.is_due(time.monotonic()):
-            self._unheard = next(filter(None, (each.unheard() for each in self._inputs)), '')
+            reasons = (each.unheard() for each in self._inputs)
+            self._unheard = next(filter(None, reasons), '')
         return self._unheard
 
 
@@ -103,15 +114,14 @@ class _Input:
         """Make the subscription with the present quality of service."""
         # Publishers that it hears.
         self._heard = 0
+        events = SubscriptionEventCallbacks(matched=self._match, use_default_callbacks=False)
         self._subscription = self._node.create_subscription(
             self._kind,
             self._topic,
             self._callback,
             self._qos,
             raw=self._raw,
-            event_callbacks=SubscriptionEventCallbacks(
-                matched=self._match, use_default_callbacks=False
-            ),
+            event_callbacks=events,
         )
 
     def _match(self, change: Any) -> None:
@@ -129,7 +139,8 @@ class _Input:
 
     def _mismatch(self, publisher: TopicEndpointInfo) -> str:
         """Return why a publisher is not heard, or become best-effort for it."""
-        expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
+        package, _, _ = self._kind.__module__.partition('.')
+        expected = f'{package}/msg/{self._kind.__name__}'
         offered = publisher.qos_profile
         is_best_effort = offered.reliability == ReliabilityPolicy.BEST_EFFORT
         reason = ''

@@ -31,7 +31,10 @@ QUEUE_LENGTH = 1000
 CONSOLE = '--enable-stdout-logs'
 NO_CONSOLE = '--disable-stdout-logs'
 # Colours of a line on a terminal (ECMA-48), as rcutils has them.
-COLOURS = {LoggingSeverity.WARN: '\x1b[33m', LoggingSeverity.ERROR: '\x1b[31m'}
+COLOURS = {
+    LoggingSeverity.WARN: '\x1b[33m',
+    LoggingSeverity.ERROR: '\x1b[31m',
+}
 COLOUR_END = '\x1b[0m'
 # Time in which a line that comes again is counted and not repeated (s).
 REPEAT_PERIOD = 10.0
@@ -73,15 +76,14 @@ class RepeatedLines:
 
     def due(self, now: float) -> list[Line]:
         """Return the lines to print now although none has come."""
+        printed: list[Line] = []
         if now >= self.due_at():
             printed = self.counts(now)
-        else:
-            printed = []
-        self._lines = {
-            line: (since, count)
-            for line, (since, count) in self._lines.items()
-            if count or now - since < REPEAT_PERIOD
-        }
+        kept = {}
+        for line, (since, count) in self._lines.items():
+            if count or now - since < REPEAT_PERIOD:
+                kept[line] = (since, count)
+        self._lines = kept
         return printed
 
     def due_at(self) -> float:
@@ -100,12 +102,14 @@ class RepeatedLines:
         """Return the counted lines with their counts, and begin to count them again."""
         printed: list[Line] = []
         for line, (since, count) in self._lines.items():
-            if count:
-                severity, text = line
-                times = 'time' if count == 1 else 'times'
-                printed.append((severity, f'{text} ({count} more {times} in {now - since:.0f} s)'))
-                self._lines[line] = now, 0
-                self._printed = line
+            if not count:
+                continue
+            severity, text = line
+            times = 'time' if count == 1 else 'times'
+            elapsed = now - since
+            printed.append((severity, f'{text} ({count} more {times} in {elapsed:.0f} s)'))
+            self._lines[line] = now, 0
+            self._printed = line
         return printed
 
 
@@ -147,7 +151,8 @@ class NodeLog:
             return
         self._thread.join(end - time.monotonic())
         if self._console is not None:
-            self._console.close(max(0.0, end - time.monotonic()))
+            left = max(0.0, end - time.monotonic())
+            self._console.close(left)
 
     def _run(self) -> None:
         """Log lines as they come and counts when they are due, until the end is queued."""
@@ -155,9 +160,13 @@ class NodeLog:
             now = time.monotonic()
             for logger, repeated in self._nodes.items():
                 self._log(logger, repeated.due(now))
-            due = min((repeated.due_at() for repeated in self._nodes.values()), default=inf)
+            times = [repeated.due_at() for repeated in self._nodes.values()]
+            due = min(times, default=inf)
+            timeout = None
+            if due < inf:
+                timeout = due - now
             try:
-                entry = self._queue.get(timeout=None if due == inf else due - now)
+                entry = self._queue.get(timeout=timeout)
             except Empty:
                 continue
             now = time.monotonic()
@@ -204,9 +213,11 @@ def begin(args: Sequence[str]) -> None:
     """Begin the log of this process, whose ROS arguments are `args`."""
     global _log
     chosen = [argument for argument in args if argument in (CONSOLE, NO_CONSOLE)]
+    console = None
     # The last of them counts, as in rcl.
-    has_console = not chosen or chosen[-1] == CONSOLE
-    _log = NodeLog(LineWriter(STANDARD_ERROR) if has_console else None)
+    if not chosen or chosen[-1] == CONSOLE:
+        console = LineWriter(STANDARD_ERROR)
+    _log = NodeLog(console)
 
 
 def end(timeout: float) -> None:
@@ -223,7 +234,9 @@ def is_coloured(descriptor: int) -> bool:
     wanted = os.environ.get('RCUTILS_COLORIZED_OUTPUT')
     if os.environ.get('NO_COLOR') or wanted == '0':
         return False
-    return wanted == '1' or (os.isatty(descriptor) and os.environ.get('TERM') != 'dumb')
+    if wanted == '1':
+        return True
+    return os.isatty(descriptor) and os.environ.get('TERM') != 'dumb'
 
 
 def _put(

@@ -81,26 +81,30 @@ class Overload:
         if self._last is None:
             self._last = now
             self._from = now + START
-        late = now - self._last - self._period
-        self._ran += min(now - self._last, 2.0 * self._period)
+        passed = now - self._last
+        late = passed - self._period
+        self._ran += min(passed, 2.0 * self._period)
         self._last = now
+        lost_here = 0.0
+        if late > self._period:
+            lost_here = late
         # Tasks of one process lose the same time.
-        lost_now = max(elsewhere, late if late > self._period else 0.0)
+        lost_now = max(elsewhere, lost_here)
         if now - lost_now >= self._from:
             self._lost.append((now, lost_now))
         while self._lost and now - self._lost[0][0] > SPAN:
             self._lost.popleft()
         lost = sum(each for _, each in self._lost)
-        is_busy = lost >= LIMIT * (LEAVE if self._most else 1.0)
-        if is_busy:
+        limit = LIMIT
+        if self._most:
+            limit *= LEAVE
+        if lost >= limit:
             self._most = max(self._most, lost)
+            duration = more_than(self._most)
+            self.words = f'{TOO_BUSY}: this process was due and did not run for {duration}'
         else:
             self._most = 0.0
-        self.words = (
-            reported
-            if not is_busy
-            else f'{TOO_BUSY}: this process was due and did not run for {more_than(self._most)}'
-        )
+            self.words = reported
 
     def explains(self, symptom: str) -> bool:
         """Return whether a symptom (empty: none) follows from the overload; call after `tick`."""
@@ -112,7 +116,9 @@ class Overload:
             self._since = None
         elif self._since is None and symptom != self._known:
             self._since = self._ran
-        return self._since is not None and self._ran - self._since <= EXPLAINED
+        if self._since is None:
+            return False
+        return self._ran - self._since <= EXPLAINED
 
 
 def more_than(seconds: float) -> str:

@@ -50,14 +50,15 @@ class ParameterNode(Node):
         # Declared settings by name, and those of them that change while the node runs.
         self._settings: dict[str, Setting] = {}
         self._applied: set[str] = set()
+        overrides = []
+        for setting in ROS_SETTINGS:
+            if setting.name in self.given:
+                value = setting.check(self.given[setting.name])
+                overrides.append(Parameter(setting.name, value=value))
         super().__init__(
             name,
             start_parameter_services=False,
-            parameter_overrides=[
-                Parameter(each.name, value=each.check(self.given[each.name]))
-                for each in ROS_SETTINGS
-                if each.name in self.given
-            ],
+            parameter_overrides=overrides,
         )
         # Its callbacks refer to the node weakly; the node keeps them.
         _ParameterServices(self)
@@ -121,11 +122,11 @@ class ParameterNode(Node):
 
         def check(parameters: list[Parameter]) -> SetParametersResult:
             try:
-                changed = {
-                    parameter.name: self._settings[parameter.name].check(parameter.value)
-                    for parameter in parameters
-                    if parameter.name in names
-                }
+                changed = {}
+                for parameter in parameters:
+                    if parameter.name in names:
+                        setting = self._settings[parameter.name]
+                        changed[parameter.name] = setting.check(parameter.value)
                 apply(changed)
             except SettingError as error:
                 return SetParametersResult(successful=False, reason=str(error))
@@ -136,10 +137,11 @@ class ParameterNode(Node):
     def check_live_settings(self) -> None:
         """Raise RuntimeError unless the node applies each setting that is live, and no other."""
         live = {name for name, setting in self._settings.items() if setting.live}
-        if live != self._applied:
+        different = live ^ self._applied
+        if different:
             raise RuntimeError(
                 f'{self.get_name()}: live settings that no code applies, or applied settings that '
-                f'are not live: {", ".join(sorted(live ^ self._applied))}'
+                f'are not live: {", ".join(sorted(different))}'
             )
 
     def clock_reader(self) -> Callable[[], int]:
@@ -166,13 +168,12 @@ class ParameterNode(Node):
     def _unknown(self, name: str, value: object) -> str:
         """Return why a parameter is refused that the node does not have."""
         near = ', '.join(similar(name, self.get_parameters_by_prefix('')))
-        return str(
-            SettingError(
-                name=name,
-                value=value,
-                expected=f'a parameter of this node, such as {near}',
-            )
+        error = SettingError(
+            name=name,
+            value=value,
+            expected=f'a parameter of this node, such as {near}',
         )
+        return str(error)
 
 
 class _ParameterServices(ParameterService):
@@ -219,14 +220,20 @@ def _descriptor(setting: Setting) -> msg.ParameterDescriptor:
     descriptor = msg.ParameterDescriptor(
         description=setting.description, read_only=not setting.live
     )
-    if setting.allowed or setting.count is not None or None in (setting.minimum, setting.maximum):
+    has_range = setting.minimum is not None and setting.maximum is not None
+    if setting.allowed or setting.count is not None or not has_range:
         descriptor.additional_constraints = setting.expected
     elif setting.kind is float:
-        descriptor.floating_point_range = [
-            msg.FloatingPointRange(from_value=setting.minimum, to_value=setting.maximum)
-        ]
+        floats = msg.FloatingPointRange(
+            from_value=setting.minimum,
+            to_value=setting.maximum,
+        )
+        descriptor.floating_point_range = [floats]
     else:
-        descriptor.integer_range = [
-            msg.IntegerRange(from_value=setting.minimum, to_value=setting.maximum, step=1)
-        ]
+        integers = msg.IntegerRange(
+            from_value=setting.minimum,
+            to_value=setting.maximum,
+            step=1,
+        )
+        descriptor.integer_range = [integers]
     return descriptor

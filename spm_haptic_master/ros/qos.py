@@ -20,6 +20,12 @@ COMMANDS = QoSProfile(depth=5)
 # Wrenches: RELIABLE, VOLATILE. Only the newest counts: one that has waited is old.
 WRENCHES = QoSProfile(depth=1)
 # `state`: latched, so that a controller that subscribes later gets the present state.
-STATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STATE = QoSProfile(
+    depth=1,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 # Displayed only: the newest message, without an acknowledgement for which a publisher could wait.
-DISPLAY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+DISPLAY = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+)

@@ -10,7 +10,7 @@ wakes; it needs no privilege. Neither Python nor glibc before 2.41 has the call.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import ctypes
 from functools import partial
@@ -33,7 +33,14 @@ SHORTEST = 1e-4
 MCL_CURRENT = 1
 MCL_FUTURE = 2
 # Numbers of the system calls sched_setattr and sched_getattr, by machine.
-CALLS = {'x86_64': (314, 315), 'aarch64': (274, 275)}
+SET_ATTRIBUTES = {
+    'x86_64': 314,
+    'aarch64': 274,
+}
+GET_ATTRIBUTES = {
+    'x86_64': 315,
+    'aarch64': 275,
+}
 # `struct sched_attr` (sched(7)) in its first version: size, policy, flags, nice, priority,
 # runtime, deadline, period (ns).
 ATTRIBUTES = struct.Struct('=IIQiIQQQ')
@@ -61,14 +68,17 @@ def agreed(values: Sequence[Values]) -> dict[str, Any]:
     """
     result: dict[str, Any] = {}
     for setting in REALTIME_SETTINGS:
-        chosen = {each[setting.name] for each in values} - {setting.default}
+        given = {each[setting.name] for each in values}
+        chosen = given - {setting.default}
         if len(chosen) > 1:
             raise SettingError(
                 name=setting.name,
                 value=sorted(chosen),
                 expected='the same on every node of one process',
             )
-        result[setting.name] = chosen.pop() if chosen else setting.default
+        result[setting.name] = setting.default
+        if chosen:
+            result[setting.name] = chosen.pop()
     return result
 
 
@@ -94,15 +104,20 @@ def check_cpus(text: str) -> set[int]:
     """
     allowed = os.sched_getaffinity(0)
     with suppress(ValueError):
-        parts = (part.partition('-') for part in text.split(','))
-        spans = [range(int(first), int(last or first) + 1) for first, _, last in parts]
-        if all(spans) and all(core in allowed for span in spans for core in span):
-            return {core for span in spans for core in span}
+        cores: set[int] = set()
+        for part in text.split(','):
+            first, _, last = part.partition('-')
+            span = range(int(first), int(last or first) + 1)
+            if not span:
+                raise ValueError(text)
+            cores.update(span)
+        if cores <= allowed:
+            return cores
+    listed = ', '.join(map(str, sorted(allowed)))
     raise SettingError(
         name='realtime.cpus',
         value=text,
-        expected="cores such as '0' or '0,2-3', of those allowed: "
-        + ', '.join(map(str, sorted(allowed))),
+        expected=f"cores such as '0' or '0,2-3', of those allowed: {listed}",
     )
 
 
@@ -140,18 +155,24 @@ def apply(node: Node, values: Values) -> None:
                 "permitted; it requires CAP_SYS_NICE, or 'rtprio' for this user in "
                 '/etc/security/limits.conf'
             )
-    if values['realtime.lock_memory'] and ctypes.CDLL(None, use_errno=True).mlockall(
-        MCL_CURRENT | MCL_FUTURE
-    ):
-        warn(
-            f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
-            "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf"
-        )
+    if values['realtime.lock_memory']:
+        _lock_memory(warn)
     if values['realtime.gc'] != 'normal':
         gc.collect()
         gc.freeze()
         if values['realtime.gc'] == 'disable':
             gc.disable()
+
+
+def _lock_memory(warn: Callable[[str], object]) -> None:
+    """Keep the pages of this process in memory, or say why not."""
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(MCL_CURRENT | MCL_FUTURE):
+        reason = os.strerror(ctypes.get_errno())
+        warn(
+            f'realtime.lock_memory not set: {reason}; it requires '
+            "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf"
+        )
 
 
 def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
@@ -173,7 +194,7 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
             raise OSError('the process is not under SCHED_OTHER')
         _for_each_thread(lambda thread: _set_thread_slice(thread, length))
         found = ctypes.create_string_buffer(ATTRIBUTES.size)
-        _call(1, 0, found, ATTRIBUTES.size, 0)
+        _call(GET_ATTRIBUTES, 0, found, ATTRIBUTES.size, 0)
         if ATTRIBUTES.unpack(found.raw)[5] != length:
             raise OSError('Linux before 6.12 has none')
     except OSError as error:
@@ -193,14 +214,16 @@ def _set_thread_slice(thread: int, length: int) -> None:
     if os.sched_getscheduler(thread) == os.SCHED_OTHER:
         niceness = os.getpriority(os.PRIO_PROCESS, thread)
         attributes = ATTRIBUTES.pack(ATTRIBUTES.size, os.SCHED_OTHER, 0, niceness, 0, length, 0, 0)
-        _call(0, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
+        buffer = ctypes.create_string_buffer(attributes, len(attributes))
+        _call(SET_ATTRIBUTES, thread, buffer, 0)
 
 
-def _call(which: int, *values: object) -> None:
-    """Make a system call that libc does not have; OSError where it fails."""
+def _call(numbers: Mapping[str, int], *values: object) -> None:
+    """Make a system call by its numbers on machines; OSError if it fails."""
     machine = platform.machine()
-    if machine not in CALLS:
+    if machine not in numbers:
         raise OSError(f'unknown on {machine}')
-    if ctypes.CDLL(None, use_errno=True).syscall(CALLS[machine][which], *values):
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.syscall(numbers[machine], *values):
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))

@@ -43,7 +43,10 @@ END_TIMEOUT = 5.0
 PRINT_TIMEOUT = 1.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Environment variables that name a file of profiles: of Fast DDS 2, which Jazzy has, and of 3.
-PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+PROFILE_VARIABLES = (
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+)
 # Environment variable that says which hosts are heard.
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # Environment variable that names hosts to be looked for.
@@ -90,16 +93,18 @@ def run(
         Exit code: 0 after a signal or a normal end, 1 after an error, which is printed.
 
     """
-    failure = _Process(name).run(compose, sys.argv if args is None else args, owned or {})
+    words = sys.argv if args is None else args
+    failure = _Process(name).run(compose, words, owned or {})
     # After an error of the program the limit stays: its traceback may wait for a reader.
     faulthandler.cancel_dump_traceback_later()
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     if failure is None:
         return 0
-    is_normal = isinstance(failure, SourceEnded)
-    stream = STANDARD_OUTPUT if is_normal else STANDARD_ERROR
-    print_within(stream, f'{name}: {failure}', LOG_TIMEOUT)
-    return 0 if is_normal else 1
+    if isinstance(failure, SourceEnded):
+        print_within(STANDARD_OUTPUT, f'{name}: {failure}', LOG_TIMEOUT)
+        return 0
+    print_within(STANDARD_ERROR, f'{name}: {failure}', LOG_TIMEOUT)
+    return 1
 
 
 class _Process:
@@ -183,10 +188,9 @@ class _Process:
 
     def _check_parameters(self, parameters: Parameters) -> None:
         """Warn of parameters that no node has, and check that each live one is applied."""
-        declared = {
-            node.get_fully_qualified_name(): node.get_parameters_by_prefix('')
-            for node in self._nodes
-        }
+        declared = {}
+        for node in self._nodes:
+            declared[node.get_fully_qualified_name()] = node.get_parameters_by_prefix('')
         for argument in parameters.unused(declared):
             node_log.warning(self._nodes[0], f'{argument}: {NO_EFFECT}')
         for node in self._nodes:
@@ -236,7 +240,8 @@ def _init(command_line: list[str]) -> None:
             signal_handler_options=SignalHandlerOptions.NO,
         )
     except (RuntimeError, UnicodeError) as error:  # from rcl: such as a wrong enclave
-        raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error
+        reason = str(error).splitlines()[0]
+        raise InputError(f'ROS arguments rejected: {reason}') from error
     node_log.begin(command_line)
 
 
@@ -271,5 +276,6 @@ def dds_profile(environment: Mapping[str, str]) -> dict[str, str]:
     # A static peer may be another host: only the range decides there.
     is_local = environment.get(RANGE) == 'LOCALHOST' and not environment.get(STATIC_PEERS)
     if is_local or localhost in chosen:
-        return {**dict.fromkeys(PROFILE_VARIABLES, localhost), RANGE: 'SUBNET'}
+        profiles = dict.fromkeys(PROFILE_VARIABLES, localhost)
+        return {**profiles, RANGE: 'SUBNET'}
     return dict.fromkeys(PROFILE_VARIABLES, subnet)
