@@ -374,7 +374,7 @@ def _resolution_hint(
     rescaled = angles % TURN * (np.array(counts_per_turn) / smaller)
     try:
         with ProgressBar('calibrate') as bar:
-            calibrate_motion(layout, stamps, rescaled, None, bar.stage)
+            calibrate_motion(layout, stamps, rescaled, None, bar.stage, swaps=False)
     except CalibrationError:
         return ''
     return (

@@ -44,6 +44,7 @@ def calibrate_motion(
     readings: Array,
     given: Sequence[int] | None = None,
     progress: Progress = lambda text, share: None,
+    swaps: bool = True,
 ) -> MotionCalibration:
     """
     Return the calibration of a rig by a free motion.
@@ -62,6 +63,8 @@ def calibrate_motion(
         Configured directions, 1 or -1, that the motion has to confirm; by default any are right.
     progress : callable, optional
         Takes the name of each stage and the share that is done, 0 to 1.
+    swaps : bool, optional
+        Whether exchanged encoders are looked for, to name them in the error.
 
     Returns
     -------
@@ -77,7 +80,7 @@ def calibrate_motion(
     """
     fit.held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
     means = motion_readings(stamps, readings)
-    start = find_start(means, MotionModel(layout, means.sigma), progress)
+    start = find_start(means, MotionModel(layout, means.sigma), progress, swaps)
     wrong = [
         f'{joint} turns with direction {sign:+d}, encoders.direction has {other:+d}'
         for joint, sign, other in zip(

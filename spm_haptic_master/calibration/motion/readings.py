@@ -288,16 +288,20 @@ def spread(
         Rows, in the order of their choice.
 
     """
-    turned = np.unwrap(readings, axis=0)
-    middle = np.median(turned, axis=0)
-    from_middle = ((turned - middle) ** 2).sum(axis=1)
-    chosen = [int(np.argmin(from_middle))]
-    distance = np.full(len(turned), np.inf)
-    while len(chosen) < min(count, len(turned)):
-        from_last = ((turned - turned[chosen[-1]]) ** 2).sum(axis=1)
-        distance = np.minimum(distance, from_last)
+    # A row for each sensor: sums over them are of whole rows.
+    turned = np.ascontiguousarray(np.unwrap(readings, axis=0).T)
+    middle = np.median(turned, axis=1)
+    chosen = [int(np.argmin(_squared_distance(turned, middle)))]
+    distance = np.full(len(readings), np.inf)
+    while len(chosen) < min(count, len(readings)):
+        distance = np.minimum(distance, _squared_distance(turned, turned[:, chosen[-1]]))
         chosen.append(int(distance.argmax()))
     return np.array(chosen)
+
+
+def _squared_distance(turned: Array, point: Array) -> Array:
+    """Return the squared distances of n readings, (N, n), from a point, (N,), rad^2."""
+    return np.asarray(((turned - point[:, None]) ** 2).sum(axis=0))
 
 
 def _pieces(

@@ -27,7 +27,10 @@ from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
 from spm_haptic_master.calibration.watch.slip_evidence import sensor_angles
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, leg_kernels, matrix_from_quaternion
+from spm_haptic_master.kinematics.geometry import Carried
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.leg_kernels import Turn
+from spm_haptic_master.kinematics.number_backends import Batch, Vector
 from spm_haptic_master.kinematics.rotations import wrapped
 
 # Takes the stage, and the part of the whole that is done (unit 1).
@@ -548,7 +551,7 @@ def _distance(
     """
     Return how far samples are from angles that fit together, and the slopes by the zeros.
 
-    The closure of `_closure` over the length of its gradient: to first order a distance in angles.
+    The closure error over the length of its gradient: to first order a distance in angles.
 
     Parameters
     ----------
@@ -567,30 +570,95 @@ def _distance(
         Derivatives by the zeros (unit 1).
 
     """
-    # Cosines and sines of the joint angles.
     angles = turned.T[:, None] - zeros.T[:, :, None]
-    turns = list(zip(np.cos(angles), np.sin(angles), strict=True))
-    # The same of angles that are larger by `DIFFERENCE`.
+    cosines = np.cos(angles)
+    sines = np.sin(angles)
     c_more = cos(DIFFERENCE)
     s_more = sin(DIFFERENCE)
-    onward = [(c * c_more - s * s_more, s * c_more + c * s_more) for c, s in turns]
-    here = _closure(turns, nominal)
-    slopes = np.stack(
-        [
-            (_closure([*turns[:index], onward[index], *turns[index + 1 :]], nominal) - here)
-            / DIFFERENCE
-            for index in range(4)
-        ],
-        axis=2,
-    )
-    scale = 1.0 / np.maximum(np.linalg.norm(slopes, axis=2), GRADIENT_FLOOR)
-    return here * scale, -slopes * scale[:, :, None]
+    more = (cosines * c_more - sines * s_more, sines * c_more + cosines * s_more)
+    closure, closures_more = _closures((cosines, sines), more, nominal)
+    slopes = (closures_more - closure) / DIFFERENCE
+    scale = 1.0 / np.maximum(np.sqrt(np.square(slopes).sum(axis=0)), GRADIENT_FLOOR)
+    return closure * scale, np.moveaxis(-slopes * scale, 0, 2)
 
 
-def _closure(
-    turns: list[tuple[Array, Array]],
+def _closures(
+    here: tuple[Array, Array],
+    more: tuple[Array, Array],
     nominal: Geometry,
-) -> Array:
+) -> tuple[Array, Array]:
+    """
+    Return the closure errors of samples, and those after one angle is a little larger.
+
+    Parameters
+    ----------
+    here : tuple of 2 ndarray, each of shape (4, m, n)
+        Cosine and sine of th1A, th1B, th1C and th3A.
+    more : tuple of 2 ndarray, each of shape (4, m, n)
+        The same of angles that are a little larger.
+    nominal : Geometry
+        The drawing.
+
+    Returns
+    -------
+    closure : ndarray, shape (m, n)
+        Closure errors (unit 1).
+    closures_more : ndarray, shape (4, m, n)
+        Those after each of the angles alone is larger.
+
+    """
+    th1a, th1b, th1c, th3a = zip(*here, strict=True)
+    more_1a, more_1b, more_1c, more_3a = zip(*more, strict=True)
+    carried_b, carried_c = nominal.carried
+    leg_b, leg_b_1a, leg_b_1b, leg_b_3a = _turn_equations(
+        (th1a, th1b, th3a), (more_1a, more_1b, more_3a), carried_b
+    )
+    leg_c, leg_c_1a, leg_c_1c, leg_c_3a = _turn_equations(
+        (th1a, th1c, th3a), (more_1a, more_1c, more_3a), carried_c
+    )
+    closures_more = (
+        _closure(leg_b_1a, leg_c_1a),
+        _closure(leg_b_1b, leg_c),
+        _closure(leg_b, leg_c_1c),
+        _closure(leg_b_3a, leg_c_3a),
+    )
+    return _closure(leg_b, leg_c), np.stack(closures_more)
+
+
+def _turn_equations(
+    here: tuple[Turn[Batch], Turn[Batch], Turn[Batch]],
+    more: tuple[Turn[Batch], Turn[Batch], Turn[Batch]],
+    carried: Carried,
+) -> tuple[Vector[Batch], Vector[Batch], Vector[Batch], Vector[Batch]]:
+    """
+    Return a leg's equation for th2A, and those after one of its three angles is a little larger.
+
+    Parameters
+    ----------
+    here : tuple of 3 tuple of 2 ndarray, each of shape (m, n)
+        Cosine and sine of th1A, of th1k, and of th3A.
+    more : tuple of 3 tuple of 2 ndarray, each of shape (m, n)
+        The same of angles that are a little larger.
+    carried : Carried
+        Leg k, B or C, as seen from leg A.
+
+    """
+    th1a, th1k, th3a = here
+    more_1a, more_1k, more_3a = more
+    second = leg_kernels.second_in_second_joint(*th1a, *th1k, carried)
+    second_1a = leg_kernels.second_in_second_joint(*more_1a, *th1k, carried)
+    second_1k = leg_kernels.second_in_second_joint(*th1a, *more_1k, carried)
+    third = leg_kernels.turn_through_link(*th3a, carried.before_distal)
+    third_3a = leg_kernels.turn_through_link(*more_3a, carried.before_distal)
+    return (
+        leg_kernels.turn_equation(second, third, carried.cos_beta),
+        leg_kernels.turn_equation(second_1a, third, carried.cos_beta),
+        leg_kernels.turn_equation(second_1k, third, carried.cos_beta),
+        leg_kernels.turn_equation(second, third_3a, carried.cos_beta),
+    )
+
+
+def _closure(leg_b: Vector[Batch], leg_c: Vector[Batch]) -> Array:
     """
     Return by how much the point of Case 2's linear system misses the unit circle.
 
@@ -599,10 +667,8 @@ def _closure(
 
     Parameters
     ----------
-    turns : list of tuple of 2 ndarray
-        Cosine and sine of th1A, th1B, th1C and th3A, each (m, n).
-    nominal : Geometry
-        The drawing.
+    leg_b, leg_c : tuple of 3 ndarray, each of shape (m, n)
+        The equations of the legs B and C for th2A.
 
     Returns
     -------
@@ -610,14 +676,5 @@ def _closure(
         Closure error (unit 1).
 
     """
-    (c1, s1), *others, (c3, s3) = turns
-    leg_b, leg_c = (
-        (
-            leg_kernels.second_in_second_joint(c1, s1, c, s, carried),
-            leg_kernels.turn_through_link(c3, s3, carried.before_distal),
-            carried.cos_beta,
-        )
-        for (c, s), carried in zip(others, nominal.carried, strict=True)
-    )
-    cosine, sine, determinant = leg_kernels.turn_of_second_joint(leg_b, leg_c)
+    cosine, sine, determinant = leg_kernels.common_turn(leg_b, leg_c)
     return np.asarray(cosine * cosine + sine * sine - determinant * determinant)
