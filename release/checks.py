@@ -134,6 +134,7 @@ def build_faults(root: Path) -> list[str]:
                 str(folder / 'venv' / 'bin' / 'pip'),
                 '--quiet',
                 'install',
+                '--no-compile',
                 str(folder / f'{PACKAGE}-{version}-py3-none-any.whl'),
             ),
             (str(folder / 'venv' / 'bin' / 'python'), '-c', TRIAL),

@@ -215,7 +215,7 @@ def test_pip_install(source, tmp_path):
     run([sys.executable, '-m', 'venv', tmp_path / 'venv'], env=clean)
     python = tmp_path / 'venv' / 'bin' / 'python'
     for options in (), ('--editable',):
-        run([python, '-m', 'pip', '-q', 'install', *options, source], env=clean)
+        run([python, '-m', 'pip', '-q', 'install', '--no-compile', *options, source], env=clean)
         # The mathematics and the encoders work, and the programs are installed.
         run(
             [
