@@ -5,6 +5,7 @@
 
 import signal
 
+from benchmarks import teleop_stops
 from benchmarks.teleop_stops import measure_stops, stops_table, TIMEOUTS
 from disturbance import Disturbance
 import pytest
@@ -19,13 +20,16 @@ PARAMETERS = {
 }
 # What the middleware and the observer of a busy machine may add to a stop (ms).
 SLACK = 100.0
+# Time after the return in which there must be no command (s): 100 periods of it.
+RETURN = 0.5
 # Stops: one that is killed is missed by the others only after seconds.
 WHICH = [*((process, signal.SIGSTOP) for process in TIMEOUTS), ('teleop', signal.SIGKILL)]
 
 
 @pytest.mark.process
 @pytest.mark.alone
-def test_every_process_that_stops_stops_the_slave():
+def test_every_process_that_stops_stops_the_slave(monkeypatch):
+    monkeypatch.setattr(teleop_stops, 'RETURN', RETURN)
     timeouts = {name: TIMEOUT if name else 0.0 for name in TIMEOUTS.values()}
     with Disturbance() as machine:
         found = measure_stops(1, PARAMETERS, timeouts, 0.005, WHICH)

@@ -24,14 +24,17 @@ class SlowLink:
     def __init__(self, port: int, has_queue: bool) -> None:
         self._port = port
         self._has_queue = has_queue
+        self._connections: list[socket.socket] = []
         self.rate: float | None = None
         self._listener = socket.create_server(('127.0.0.1', 0))
         self.port = self._listener.getsockname()[1]
         Thread(target=self._accept, daemon=True).start()
 
     def close(self) -> None:
-        """Take no further connections; those there are end with their browser."""
+        """Take no further connections, and end those there are: nobody waits for the other end."""
         self._listener.close()
+        for each in self._connections:
+            each.close()
 
     def _accept(self) -> None:
         while True:
@@ -43,6 +46,7 @@ class SlowLink:
             if not self._has_queue:
                 server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL)
                 browser.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SMALL)
+            self._connections += [browser, server]
             server.connect(('127.0.0.1', self._port))
             queue: Queue[bytes] = Queue(maxsize=0 if self._has_queue else 1)
             for work, ends in (
