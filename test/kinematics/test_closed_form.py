@@ -69,7 +69,7 @@ def check_models(built, mode, rng):
 
 
 @pytest.mark.parametrize('mode', MODES)
-@pytest.mark.parametrize('number', [10, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('number', [30, pytest.param(200, marks=pytest.mark.evidence)])
 def test_models_of_random_mechanisms_in_a_working_mode(mode, number):
     rng = np.random.default_rng(183)
     assert sum(check_models(random_built(rng), mode, rng) for _ in range(number)) >= 0.9 * number

@@ -68,8 +68,8 @@ RIGHT = [
         for tilt in (0.0, 13.0, 20.0)
     ),
     *(
-        pytest.param(R, math.radians(sigma), 4e-3, marks=[pytest.mark.slow] * (sigma != 0.4))
-        for sigma in (0.004, 0.4, 1.0)
+        pytest.param(R, math.radians(sigma), 4e-3, marks=marks)
+        for sigma, marks in ((0.004, pytest.mark.slow), (0.4, ()), (1.0, pytest.mark.evidence))
         for R in (tilted(SINGULAR_PHI, 0.0, 0.0), tilted(0.0, math.radians(26.0), 0.0))
     ),
     *(
@@ -102,7 +102,13 @@ def test_tails_at_three_sigma_from_the_boundary_of_a_working_mode(leg):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     'away_deg, rms, answered',
-    [(8.0, 1.01, 1.0), (4.0, 1.04, 1.0), (2.0, 0.85, 0.86), (1.0, 0.91, 0.60), (0.3, 1.27, 0.51)],
+    [
+        (8.0, 1.01, 1.0),
+        pytest.param(4.0, 1.04, 1.0, marks=pytest.mark.evidence),
+        pytest.param(2.0, 0.85, 0.86, marks=pytest.mark.evidence),
+        (1.0, 0.91, 0.60),
+        pytest.param(0.3, 1.27, 0.51, marks=pytest.mark.evidence),
+    ],
 )
 def test_three_sensors_near_the_parallel_singularity(away_deg, rms, answered):
     """Without th3A half of the samples close no mechanism there, and the others are biased."""

@@ -22,9 +22,9 @@ NOISE = np.radians(0.04)
 COUNT = 2.0 * np.pi / 2**14
 
 
-def few(*axes, count=None):
+def few(*axes, count=None, others=pytest.mark.slow):
     """
-    Return every combination of values as a case; most are slow.
+    Return every combination of values as a case; most have the mark of the others.
 
     Quick is a diagonal on which each value occurs, or the first `count` cases of it.
     """
@@ -33,7 +33,7 @@ def few(*axes, count=None):
     return [
         pytest.param(
             *(values[place] for values, place in zip(axes, places, strict=True)),
-            marks=() if places in quick else pytest.mark.slow,
+            marks=() if places in quick else others,
         )
         for places in product(*map(range, sizes))
     ]

@@ -9,6 +9,8 @@ from harness import DATA
 import pytest
 from spm_haptic_master.tools import calibrate, calibrate_motion, calibration_verdict
 
+# Sets per second of the log.
+RATE = 1000.0
 # Length of the part of the log that is used (s), and the sets of the log to one that is.
 SECONDS = 20.0
 EVERY = 10
@@ -16,21 +18,28 @@ EVERY = 10
 
 @pytest.fixture(scope='session')
 def motion_log(tmp_path_factory):
-    """Return a function that writes the begin of a log at 100 Hz, and returns its arguments."""
+    """Return what writes the begin of a log, one set of some, and returns its arguments."""
 
-    def write(name):
+    def write(name, every=EVERY, seconds=SECONDS):
         path = tmp_path_factory.mktemp('log') / f'{name}.log'
         cycles = begin = 0
         with gzip.open(DATA / 'rig' / f'{name}.log.gz', 'rt') as source, path.open('w') as log:
             for line in source:
                 time = float(line[1 : line.index(')')])
                 begin = begin or time
-                if time - begin > SECONDS:
+                if time - begin > seconds:
                     break
                 cycles += ' 080#' in line
-                if cycles % EVERY == 1:
+                if cycles % every == 1 % every:
                     log.write(line)
-        return ('-p', 'source:=replay', '-p', f'replay.path:={path}', '-p', 'rate:=100.0')
+        return (
+            '-p',
+            'source:=replay',
+            '-p',
+            f'replay.path:={path}',
+            '-p',
+            f'rate:={RATE / every}',
+        )
 
     return write
 

@@ -4,8 +4,8 @@
 """`calibrate --motion` from the log of a rig that is not perfect: what its file is worth."""
 
 from contextlib import contextmanager
-from functools import partial
-from math import radians
+from functools import cache, partial
+from math import inf, radians
 from pathlib import Path
 import re
 
@@ -32,10 +32,7 @@ import yaml
 
 # Layouts whose angles are counts.
 RAW = make_layouts(values(encoders__zero_count=[0] * 4, encoders__direction=[1] * 4))
-MOTION, CHECK = (
-    ('-p', 'source:=replay', '-p', f'replay.path:={DATA}/rig/{name}.log.gz')
-    for name in ('dev_motion', 'dev_check')
-)
+MOTION = ('-p', 'source:=replay', '-p', f'replay.path:={DATA}/rig/dev_motion.log.gz')
 
 
 def run(*args):
@@ -43,53 +40,67 @@ def run(*args):
     return main(['calibrate', '--motion', *map(str, args)])
 
 
-@pytest.fixture(scope='module')
-def by_the_book(tmp_path_factory):
-    """Return the file of the whole motion of the rig."""
-    path = tmp_path_factory.mktemp('book') / 'calibration.yaml'
-    assert run(*MOTION, '-o', path) == 0
-    return path
+class Rig:
+    """The rig of two logs, its encoders read at a rate, and its calibration by the book."""
+
+    def __init__(self, folder, motion, check):
+        self.motion = motion
+        self.check = check
+        self.calibration = folder / 'calibration.yaml'
+        assert run(*motion, '-o', self.calibration) == 0
+        self.samples = cache(self._samples)
+
+    def _samples(self, log):
+        """Return the stamps and the angles of a log with the calibration."""
+        replay = read_parameters(self.calibration)
+        replay['replay.path'] = log[3].removeprefix('replay.path:=')
+        settings = command_line.checked(replay, SOURCE_SETTINGS['replay'], 'replay')
+        samples = list(make_replay(settings).recorded())
+        stamps = np.array([sample.stamp for sample in samples])
+        return stamps, np.array([sample.angles for sample in samples])
+
+    def supervised(self, log, **changes):
+        """Return stamps, and what fkm makes of a log with the calibration and other parameters."""
+        names = {setting.name for setting in FKM_SETTINGS}
+        given = read_parameters(self.calibration)
+        of_fkm = {name: value for name, value in given.items() if name in names} | changes
+        stamps, angles = self.samples(log)
+        parameters = {name.replace('.', '__'): value for name, value in of_fkm.items()}
+        return stamps, supervise(stamps, angles, **parameters)
 
 
-def supervised(path, log, **changes):
-    """Return stamps, and what fkm makes of a log with a calibration and other parameters."""
-    given = read_parameters(path)
-    settings = command_line.checked(
-        given | {'replay.path': log[-1].removeprefix('replay.path:=')},
-        SOURCE_SETTINGS['replay'],
-        'replay',
-    )
-    samples = list(make_replay(settings).recorded())
-    names = {setting.name for setting in FKM_SETTINGS}
-    of_fkm = {name: value for name, value in given.items() if name in names} | changes
-    stamps = np.array([sample.stamp for sample in samples])
-    angles = np.array([sample.angles for sample in samples])
-    return stamps, supervise(
-        stamps,
-        angles,
-        **{name.replace('.', '__'): value for name, value in of_fkm.items()},
-    )
+@pytest.fixture(
+    scope='module',
+    params=[
+        pytest.param(5, id='200 Hz'),
+        pytest.param(1, id='1 kHz', marks=pytest.mark.evidence),
+    ],
+)
+def by_the_book(request, motion_log, tmp_path_factory):
+    """Return the rig, calibrated from the whole motion: from one set of some."""
+    motion, check = (motion_log(name, request.param, inf) for name in ('dev_motion', 'dev_check'))
+    return Rig(tmp_path_factory.mktemp('book'), motion, check)
 
 
 @pytest.mark.slow
 def test_another_log_of_the_rig_becomes_right_orientations(by_the_book):
     """At least 99.9 % of them, 0.06 deg rms, 0.3 at most, through the supervision of fkm."""
-    stamps, found = supervised(by_the_book, CHECK)
+    stamps, found = by_the_book.supervised(by_the_book.check)
     assert found.published.mean() >= 0.999
     assert [text for _, text in found.state] == ['starting', 'healthy']
     times, true = truth()
     rows = np.searchsorted(stamps, np.round((times - times[0]) * 1e9) + stamps[0] - 300_000)
     known = found.published[rows]
-    errors = errors_deg(
-        kinematics.matrix_from_quaternion(found.quaternion[rows[known]]), true[known]
-    )
+    orientations = kinematics.matrix_from_quaternion(found.quaternion[rows[known]])
+    errors = errors_deg(orientations, true[known])
     rms = np.sqrt((errors**2).mean())
     print(f'{known.sum()} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
     assert rms <= 0.06
     assert errors.max() <= 0.3
     assert (errors < found.protection_level[rows[known]]).all()
-    assert by_the_book.with_suffix('.md').read_text().startswith('# Good for an alert limit of ')
-    assert run('--check', by_the_book, *CHECK) == 0
+    calibration = by_the_book.calibration
+    assert calibration.with_suffix('.md').read_text().startswith('# Good for an alert limit of ')
+    assert run('--check', calibration, *by_the_book.check) == 0
 
 
 def columns_of_bringup():
@@ -114,7 +125,7 @@ def test_a_rig_calibrated_by_the_book_can_run_each_column_of_bringup(by_the_book
     """The motion itself, from a cold start: nearly all of it, and each sensor checked in it."""
     limits = columns_of_bringup()[column]
     assert {'alert_limit_deg', 'unchecked_limit', 'start_checked'} <= limits.keys()
-    _, found = supervised(by_the_book, MOTION, **limits)
+    _, found = by_the_book.supervised(by_the_book.motion, **limits)
     longest = np.where(np.isinf(found.unchecked), 0.0, found.unchecked).max(axis=0)
     print(f'{100.0 * found.published.mean():.2f} % published, unchecked for {longest} s at most')
     assert found.published.mean() >= 0.95
@@ -123,11 +134,11 @@ def test_a_rig_calibrated_by_the_book_can_run_each_column_of_bringup(by_the_book
 
 
 @pytest.mark.slow
-def test_every_sensor_is_checked_at_an_alert_limit_of_one_degree(by_the_book, capsys):
+def test_every_sensor_is_checked_at_an_alert_limit_of_one_degree(by_the_book):
     """The bound of the parity is a tenth of what those of the sensors add up to."""
-    _, found = supervised(by_the_book, MOTION, alert_limit_deg=0.8)
+    _, found = by_the_book.supervised(by_the_book.motion, alert_limit_deg=0.8)
     assert np.isfinite(found.unchecked[-1]).all()
-    given = read_parameters(by_the_book)
+    given = read_parameters(by_the_book.calibration)
     assert given['parity_bias_deg'] < 0.25 * max(given['bias_deg'])
 
 
