@@ -70,11 +70,15 @@ ONE_THREAD = OPENBLAS_NUM_THREADS=1
 # One more than there are cores: some tests wait for programs that they have started.
 WORKERS := $(shell expr $$(nproc) + 1)
 
+# A file runs in one worker, which computes once what its tests share; files in their order, so that
+# none that is long comes last.
+BY_FILE = --dist loadfile --no-loadscope-reorder
+
 # Tests that start processes run three at a time, each run in a DDS domain and on a bus of its own:
 # they wait more than they compute. Those that measure time have the machine to themselves.
 test: .venv/test.stamp
-	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m 'not process and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
-	.venv/bin/python -m pytest -q -n 3 --dist loadfile -m 'process and not alone and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
+	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) $(BY_FILE) -m 'not process and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
+	.venv/bin/python -m pytest -q -n 3 $(BY_FILE) -m 'process and not alone and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
 	.venv/bin/python -m pytest -m 'process and alone and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
 
 # One after the other: they measure.
@@ -82,7 +86,7 @@ evidence: .venv/test.stamp
 	@.venv/bin/python -m benchmarks.evidence $(ARGS)
 
 quick: .venv/test.stamp
-	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m '$(QUICK)' $(TESTS)
+	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) $(BY_FILE) -m '$(QUICK)' $(TESTS)
 
 noble: .venv/noble.stamp
 	PYTHONPATH=.venv/noble .venv/bin/python -m pytest -q -n $(WORKERS) -m '$(QUICK)' $(TESTS)
