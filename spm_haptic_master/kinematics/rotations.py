@@ -221,7 +221,13 @@ def conjugate(q: Quaternion[float]) -> Quaternion[float]:
 
 def rotation_distance(p: Quaternion[float], q: Quaternion[float]) -> float:
     """Angle, rad in [0, pi], between the rotations of two unit quaternions, in plain floats."""
-    x, y, z, w = multiply_quaternions(p, conjugate(q))
+    px, py, pz, pw = p
+    qx, qy, qz, qw = q
+    # p times the conjugate of q.
+    x = -pw * qx + px * qw - py * qz + pz * qy
+    y = -pw * qy + px * qz + py * qw - pz * qx
+    z = -pw * qz - px * qy + py * qx + pz * qw
+    w = pw * qw + px * qx + py * qy + pz * qz
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 

@@ -146,8 +146,7 @@ def fit(
                 f'readings {readings} rad: the sensors do not measure every direction'
             )
         step, spread = gauss_newton_step(right, legs, entries, determinant)
-        # NaN compares as too large.
-        if all(-last_step < part < last_step for part in step):
+        if _is_within(step, last_step):
             state = _moved(state, step, 1.0)
             (*_, volume_b), (*_, volume_c) = legs
             _check_mode(state[1], volume_b, volume_c, sensors, working_mode, g)
@@ -156,6 +155,18 @@ def fit(
         th1a, _, th3a, th1b, th1c = state
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
+
+
+def _is_within(step: State[float], most: float) -> bool:
+    """Return whether a step is shorter than `most` along each coordinate; NaN is not."""
+    d1a, d2a, d3a, d1b, d1c = step
+    return (
+        -most < d1a < most
+        and -most < d2a < most
+        and -most < d3a < most
+        and -most < d1b < most
+        and -most < d1c < most
+    )
 
 
 def _moved(state: State[float], step: State[float], scale: float) -> State[float]:

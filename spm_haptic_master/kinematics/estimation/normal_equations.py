@@ -17,9 +17,8 @@ of the next sensor from the estimate of those before it, over its standard devia
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
-from typing import Generic, TypeAlias
+from typing import TypeAlias
 
 from spm_haptic_master.kinematics.geometry import Geometry, Leg
 from spm_haptic_master.kinematics.joints import FEWEST_USED, UsedSensors
@@ -96,43 +95,6 @@ def linearise(
     return (closure_b, closure_c), rows[: 4 + sensors.further]
 
 
-@dataclass(slots=True)
-class LegAxes(Generic[N]):
-    """
-    The axes of leg B or C, and leg A's first one, after leg A's second joint (unit 1).
-
-    Attributes
-    ----------
-    carrier_first : vector
-        Z1A.
-    first, second, third : vector
-        Z1k, Z2k, Z3k.
-    reciprocal : number
-        1 / B_kk with the sign of Z1k . (Z3k x Z2k).
-
-    """
-
-    carrier_first: Vector[N]
-    first: Vector[N]
-    second: Vector[N]
-    third: Vector[N]
-    reciprocal: N
-
-    def rates(self, moment: Vector[N], carrier: Leg) -> Vector[N]:
-        """
-        Return the rates of an angle along th1A, th2A, th3A (unit 1).
-
-        A turn of the platform about a unit axis changes the angle at the rate
-        axis . moment / B_kk; the platform turns about Z1A, Z2A = z and Z3A.
-        """
-        _, y, z = moment
-        return (
-            dot(self.carrier_first, moment) * self.reciprocal,
-            z * self.reciprocal,
-            (carrier.cos_beta * z - carrier.sin_beta * y) * self.reciprocal,
-        )
-
-
 def closed_leg(
     turns: Turns[N],
     view: View[N],
@@ -145,57 +107,54 @@ def closed_leg(
     """
     Linearise leg B (`place` 1) or C (2): its closure, and the row of a sensor on its third joint.
 
-    `reading` is the sensor's, rad; None for a sensor that is left out.
+    `reading` is the sensor's, rad; None for a sensor that is left out. All axes are after leg A's
+    second joint.
     """
     (c1, s1), (c2, s2), turn_3 = turns
-    second, third, cos_beta = view
-    carrier: Leg = g.legs[0]
-    carried = g.carried[place - 1]
-    first = about_z(c2, -s2, turn_through_link(c1, -s1, carried.first))
-    second = about_z(c2, -s2, second)
+    second_before, third, cos_beta = view
+    carrier = g.legs[0]
+    carrier_first = carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha
+    first = about_z(c2, -s2, turn_through_link(c1, -s1, g.carried[place - 1].first))
+    second = about_z(c2, -s2, second_before)
     # A turn of the platform about a unit axis changes Z2k . Z3k at the rate axis . (Z3k x Z2k).
     moment: Vector[N] = cross(third, second)
     # Along the leg's own active angle it changes at the rate B_kk = -Z1k . (Z3k x Z2k).
     along = dot(first, moment)
-    axes: LegAxes[N] = LegAxes(
-        carrier_first=(carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha),
-        first=first,
-        second=second,
-        third=third,
-        reciprocal=m.mode_reciprocal(along),
-    )
-    left = (cos_beta - dot(second, third)) * axes.reciprocal
-    rate_1, rate_2, rate_3 = axes.rates(moment, carrier)
+    reciprocal = m.mode_reciprocal(along)
+    left = (cos_beta - dot(second, third)) * reciprocal
+    rate_1, rate_2, rate_3 = _rates(moment, reciprocal, carrier_first, carrier)
     closure: Closure[N] = left, rate_1, rate_2, rate_3, -along
     if reading is None:
         return closure, NO_ROW
-    residual, rates = _third_joint(axes, moment, turn_3, g, place, reading, m)
-    rate_1, rate_2, rate_3 = rates
-    residual = residual + _rate_of_third(axes, g.legs[place]) * left
+    # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
+    zero = turn_through_link(*turn_3, g.carried[place - 1].zero)
+    th3 = m.atan2(dot(zero, second), -dot(zero, moment))
+    # A turn of the platform changes th3k at the rate axis . (Z2k x Z1k) / Z1k . (Z3k x Z2k).
+    rate_1, rate_2, rate_3 = _rates(cross(second, first), reciprocal, carrier_first, carrier)
+    residual = (
+        m.remainder(reading - th3, TURN) + _rate_of_third(first, third, g.legs[place]) * left
+    )
     return closure, (residual, rate_1, rate_2, rate_3, weight)
 
 
-def _third_joint(
-    axes: LegAxes[N],
-    moment: Vector[N],
-    turn_3: Turn[N],
-    g: Geometry,
-    place: int,
-    reading: N,
-    m: Backend[N],
-) -> tuple[N, Vector[N]]:
-    """Return reading less th3k, rad, and the rates of th3k along th1A, th2A, th3A."""
-    # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
-    zero = turn_through_link(*turn_3, g.carried[place - 1].zero)
-    th3 = m.atan2(dot(zero, axes.second), -dot(zero, moment))
-    # A turn of the platform changes th3k at the rate axis . (Z2k x Z1k) / Z1k . (Z3k x Z2k).
-    rates = axes.rates(cross(axes.second, axes.first), g.legs[0])
-    return m.remainder(reading - th3, TURN), rates
+def _rates(moment: Vector[N], reciprocal: N, carrier_first: Vector[N], carrier: Leg) -> Vector[N]:
+    """
+    Return the rates of an angle along th1A, th2A, th3A (unit 1).
+
+    A turn of the platform about a unit axis changes the angle at the rate
+    axis . moment / B_kk; the platform turns about Z1A, Z2A = z and Z3A.
+    """
+    _, y, z = moment
+    return (
+        dot(carrier_first, moment) * reciprocal,
+        z * reciprocal,
+        (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal,
+    )
 
 
-def _rate_of_third(axes: LegAxes[N], leg: Leg) -> N:
+def _rate_of_third(first: Vector[N], third: Vector[N], leg: Leg) -> N:
     """Return the rate of th3k along th1k alone: (Z2k x Z3k) . (Z1k x Z2k) / sin^2 beta."""
-    product = leg.cos_alpha * leg.cos_beta - dot(axes.third, axes.first)
+    product = leg.cos_alpha * leg.cos_beta - dot(third, first)
     return product / (leg.sin_beta * leg.sin_beta)
 
 
@@ -287,14 +246,19 @@ def in_base_frame(
     motion_1 = _combined(first, second, third, (p11, p12, p13))
     motion_2 = _combined(first, second, third, (p12, p22, p23))
     motion_3 = _combined(first, second, third, (p13, p23, p33))
-    rows = tuple(zip(motion_1, motion_2, motion_3, strict=True))
-    x_axis, y_axis, z_axis = zip(first, second, third, strict=True)
-    xx = dot(x_axis, rows[0])
-    xy = dot(y_axis, rows[0])
-    xz = dot(z_axis, rows[0])
-    yy = dot(y_axis, rows[1])
-    yz = dot(z_axis, rows[1])
-    zz = dot(z_axis, rows[2])
+    # The rows of the axes times the motions; the product is symmetrical.
+    ux, uy, uz = first
+    vx, vy, vz = second
+    wx, wy, wz = third
+    ax, ay, az = motion_1
+    bx, by, bz = motion_2
+    cx, cy, cz = motion_3
+    xx = ux * ax + vx * bx + wx * cx
+    xy = uy * ax + vy * bx + wy * cx
+    xz = uz * ax + vz * bx + wz * cx
+    yy = uy * ay + vy * by + wy * cy
+    yz = uz * ay + vz * by + wz * cy
+    zz = uz * az + vz * bz + wz * cz
     return (xx, xy, xz, xy, yy, yz, xz, yz, zz), (motion_1, motion_2, motion_3)
 
 
@@ -395,18 +359,30 @@ def _parity_of_four(rows: tuple[Row[N], ...], sensors: UsedSensors, m: Backend[N
 
     It is the one combination of their residuals that no motion of the platform changes.
     """
-    places = sensors.used[:4]
-    p, q, r, s = (rows[place][1:4] for place in places)
+    place_p, place_q, place_r, place_s = sensors.used[:4]
+    p = rows[place_p][1:4]
+    q = rows[place_q][1:4]
+    r = rows[place_r][1:4]
+    s = rows[place_s][1:4]
     first = cross(p, q)
     last = cross(r, s)
-    parts = -dot(q, last), dot(p, last), -dot(s, first), dot(r, first)
-    variance: N = 0.0
-    for part, place in zip(parts, places, strict=True):
-        variance = variance + part * part / sensors.weights[place]
-    scale = m.reciprocal_root(variance, 0.0)
+    part_p = -dot(q, last)
+    part_q = dot(p, last)
+    part_r = -dot(s, first)
+    part_s = dot(r, first)
+    weights = sensors.weights
+    scale = m.reciprocal_root(
+        part_p * part_p / weights[place_p]
+        + part_q * part_q / weights[place_q]
+        + part_r * part_r / weights[place_r]
+        + part_s * part_s / weights[place_s],
+        0.0,
+    )
     line: list[N] = [0.0] * len(rows)
-    for part, place in zip(parts, places, strict=True):
-        line[place] = scale * part
+    line[place_p] = scale * part_p
+    line[place_q] = scale * part_q
+    line[place_r] = scale * part_r
+    line[place_s] = scale * part_s
     return tuple(line)
 
 
