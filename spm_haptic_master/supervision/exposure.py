@@ -57,21 +57,22 @@ class Sight:
         """Note the parts of a consistent sample, rad; return the sensors beyond the limit."""
         visible = self._visible
         self._samples += 1
-        hidden: tuple[int, ...] = ()
+        # Of a window that ends with this sample: its latest beginning, ns, and first sample.
+        latest = stamp - self._window
+        first_sample = self._samples - WINDOW_SAMPLES + 1
+        hidden: list[int] = []
         for sensor, part in enumerate(parts):
+            first = visible[sensor]
             if part > limit:
                 visible[sensor] = None
-                hidden += (sensor,)
-                continue
-            first = visible[sensor]
-            if first is None:
+                hidden.append(sensor)
+            elif first is None:
                 visible[sensor] = stamp, self._samples
-                continue
-            began, number = first
-            is_window = self._samples - number + 1 >= WINDOW_SAMPLES
-            if is_window and stamp - began >= self._window:
-                self.last[sensor] = stamp
-        return hidden
+            else:
+                began, number = first
+                if number <= first_sample and began <= latest:
+                    self.last[sensor] = stamp
+        return tuple(hidden)
 
     def since(self, sensor: int, stamp: int) -> bool:
         """Whether a sensor was within the limit for a window after a stamp, ns."""
@@ -188,16 +189,14 @@ class Exposure:
         running = (stamp - first) * 1e-9
         if not limits.start_checked and running <= longest:
             return None
-        unchecked = {
-            sensor: min(time, running)
-            for sensor, time in enumerate(self.times(stamp))
-            if sensor not in left_out
-        }
-        for sensor, time in unchecked.items():
+        for sensor, time in enumerate(self.times(stamp)):
+            if sensor in left_out:
+                continue
             if limits.start_checked and not self._checks.since(sensor, began):
                 return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
-            if time > longest:
-                detail = f'{time:.0f} s, limit {longest:g}'
+            unchecked = min(time, running)
+            if unchecked > longest:
+                detail = f'{unchecked:.0f} s, limit {longest:g}'
                 return withheld(Reason.UNCHECKED, detail, sensor)
         return None
 

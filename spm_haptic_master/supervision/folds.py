@@ -117,13 +117,15 @@ class Folds:
         """
         turn = ANY_TURN
         self.nearest = inf
+        healthy = worth.healthy
+        slopes = worth.slopes
         for sensor in used.sensors.used:
-            linear = parts[sensor] - worth.healthy
+            linear = parts[sensor] - healthy
             if linear == inf:
                 self._distances[sensor] = 0.0
                 self.nearest = 0.0
                 continue
-            slope = worth.slopes[sensor]
+            slope = slopes[sensor]
             bent = slope * self._curvatures[sensor]
             distance = 1.0 / bent if bent else inf
             self._distances[sensor] = distance
@@ -134,8 +136,9 @@ class Folds:
                 parts[sensor] = inf
                 turn = NEAR_TURN
                 continue
-            parts[sensor] = worth.healthy + 2.0 * linear / (1.0 + sqrt(1.0 - share))
+            left = 1.0 - share
+            parts[sensor] = healthy + 2.0 * linear / (1.0 + sqrt(left))
             changed = 4.0 * slope * linear * change * turn
-            if changed > SHARE * (1.0 - share):
-                turn *= SHARE * (1.0 - share) / changed
+            if changed > SHARE * left:
+                turn *= SHARE * left / changed
         return max(turn, NEAR_TURN)

@@ -51,7 +51,11 @@ class JointMonitors:
     """
 
     def __init__(self, sigma: tuple[float, ...], limits: Limits) -> None:
-        self._limits, self._sigma, threshold = limits, sigma, limits.threshold()
+        self._limits = limits
+        self._sigma = sigma
+        # Repeats of a reading after which a joint with rare repeats is frozen.
+        self._frozen_run = limits.frozen_samples or inf
+        threshold = limits.threshold()
         self._joints = tuple(
             JointMonitor(deviation, threshold, limits.joint_acceleration, limits.joint_speed)
             for deviation in sigma
@@ -62,8 +66,9 @@ class JointMonitors:
         self.factors: tuple[float, ...] = (1.0,) * len(sigma)
         self.bias = limits.bias
         self.parity_bias = limits.parity_bias
+        self.samples = 0
         # The sample in which each joint was last not quiet, and whether the device vibrates.
-        self.samples, self._disturbed = 0, [0] * len(sigma)
+        self._disturbed = [0] * len(sigma)
         self._vibrates = False
 
     def check(
@@ -96,10 +101,10 @@ class JointMonitors:
         """
         skew = self._limits.skew
         timing = skew + JITTER_DEVIATIONS * jitter
-        away, late = False, skew > 0.0
+        is_late = skew > 0.0
+        is_away = False
         symptoms: list[Symptom] = []
         self.samples += 1
-        frozen = self._limits.frozen_samples or inf
         for sensor, (joint, low, high) in self._watched:
             reading = angles[sensor]
             if reading != reading:
@@ -107,36 +112,29 @@ class JointMonitors:
                 continue
             joint.follow(reading, dt, period, timing)
             if joint.since:
-                late = True
+                is_late = True
             if joint.innovation > HEALTHY_DEVIATIONS:
                 self._disturbed[sensor] = self.samples
-            if left_out and sensor in left_out:
+            if sensor in left_out:
                 continue
             if joint.away:
-                away = True
-            if joint.run >= frozen and joint.repeats_are_rare:
-                symptoms.append(
-                    Symptom(
-                        Reason.FROZEN,
-                        f'{ALL_JOINT_NAMES[sensor]} {joint.run + 1} equal readings',
-                        sensor,
-                        Severity.LATCH,
-                    )
-                )
+                is_away = True
+            if joint.run >= self._frozen_run and joint.repeats_are_rare:
+                symptoms.append(_frozen(sensor, joint.run + 1))
             if not low <= reading <= high:
-                symptoms.append(
-                    Symptom(
-                        Reason.OUT_OF_RANGE, f'{ALL_JOINT_NAMES[sensor]} {reading:.4f} rad', sensor
-                    )
-                )
-        # A slower encoder than the bus repeats a reading, which may be that old.
+                symptoms.append(_out_of_range(sensor, reading))
+        self._allow_for_delay(skew, is_late)
+        return is_away, symptoms
+
+    def _allow_for_delay(self, skew: float, is_late: bool) -> None:
+        """Widen the biases by what the joints move in the skew, s, and while a reading is late."""
         self.bias = self._limits.bias
         self.parity_bias = self._limits.parity_bias
-        if late:
+        if is_late:
+            # A slower encoder than the bus repeats a reading, which may be that old.
             moved = [abs(joint.velocity) * (skew + joint.since) for joint in self._joints]
             self.bias = tuple(map(add, self.bias, moved))
             self.parity_bias += hypot(*moved)
-        return away, symptoms
 
     def left(self, used: Collection[int]) -> list[int]:
         """Return the sensors that left their motion."""
@@ -242,3 +240,14 @@ class JointMonitors:
         """Forget every motion."""
         for joint in self._joints:
             joint.reset_motion()
+
+
+def _frozen(sensor: int, readings: int) -> Symptom:
+    """Return the symptom of a sensor with so many equal readings."""
+    detail = f'{ALL_JOINT_NAMES[sensor]} {readings} equal readings'
+    return Symptom(Reason.FROZEN, detail, sensor, Severity.LATCH)
+
+
+def _out_of_range(sensor: int, reading: float) -> Symptom:
+    """Return the symptom of a sensor whose reading, rad, no joint has."""
+    return Symptom(Reason.OUT_OF_RANGE, f'{ALL_JOINT_NAMES[sensor]} {reading:.4f} rad', sensor)

@@ -109,40 +109,16 @@ def integrity(
         healthy = k_md deviation + sum |K_i| b_i, and slope_i = |K_i| / |p_i|.
 
     """
-    covariance, turns, moves = estimate.covariance, estimate.gain_sizes, estimate.parity_sizes
-    variance, square = covariance[0] + covariance[4] + covariance[8], 1.0
-    slopes: Sequence[float]
-    if len(turns) == 4 and moves[0]:
-        # The usual case, unrolled: the loop costs twice as much.
-        turn_a, turn_b, turn_c, turn_3 = turns
-        move_a, move_b, move_c, move_3 = moves
-        bias_a, bias_b, bias_c, bias_3 = bias
-        turned = turn_a * bias_a + turn_b * bias_b + turn_c * bias_c + turn_3 * bias_3
-        moved = move_a * bias_a + move_b * bias_b + move_c * bias_c + move_3 * bias_3
-        slopes = (
-            turn_a / move_a,
-            turn_b / move_b if move_b else inf,
-            turn_c / move_c if move_c else inf,
-            turn_3 / move_3 if move_3 else inf,
-        )
-    else:
-        turned = moved = total = 0.0
-        slopes, weights = [], estimate.sensors.weights
-        for place, turn in enumerate(turns):
-            move, each = moves[place], bias[place]
-            turned += turn * each
-            moved += move * each
-            total += weights[place] * each * each
-            slopes.append(turn / move if move else inf)
-        # No projection is longer than what it is of, nor than the sum of its parts.
-        if moved * moved > total:
-            moved = sqrt(total)
-    moved = min(moved, parity_bias * hypot(*moves))
+    turns = estimate.gain_sizes
+    moves = estimate.parity_sizes
+    turned, moved = _biased(turns, moves, bias, estimate.sensors.weights)
+    covariance = estimate.covariance
+    variance = covariance[0] + covariance[4] + covariance[8]
+    square = 1.0
     if max(factors) > 1.0:
-        for turn, move, factor, sigma in zip(
-            turns, moves, factors, estimate.sensors.sigma, strict=True
-        ):
-            excess = (factor * factor - 1.0) * sigma * sigma
+        sigma = estimate.sensors.sigma
+        for turn, move, factor, deviation in zip(turns, moves, factors, sigma, strict=True):
+            excess = (factor * factor - 1.0) * deviation * deviation
             variance += excess * turn * turn
             square += excess * move * move
     deviation = sqrt(variance)
@@ -150,6 +126,24 @@ def integrity(
         healthy=MISSED_DETECTION * deviation + turned,
         deviation=deviation,
         noise=sqrt(square),
-        bias=moved,
-        slopes=slopes,
+        bias=min(moved, parity_bias * hypot(*moves)),
+        slopes=[turn / move if move else inf for turn, move in zip(turns, moves, strict=True)],
     )
+
+
+def _biased(
+    turns: tuple[float, ...],
+    moves: tuple[float, ...],
+    bias: tuple[float, ...],
+    weights: tuple[float, ...],
+) -> tuple[float, float]:
+    """Return what the nominal biases (rad) turn, rad, and move the whitened parity, at most."""
+    turned = 0.0
+    moved = 0.0
+    total = 0.0
+    for turn, move, offset, weight in zip(turns, moves, bias, weights, strict=False):
+        turned += turn * offset
+        moved += move * offset
+        total += weight * offset * offset
+    # No projection is longer than what it is of, nor than the sum of its parts.
+    return turned, min(moved, sqrt(total))

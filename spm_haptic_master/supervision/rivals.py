@@ -166,7 +166,9 @@ class Rivals:
 
     def __init__(self, sensors: SensorsInUse, count: int, speed: float) -> None:
         self._sensors, self._count, self._speed = sensors, count, speed
-        self._folds, self._limit = Folds(count), 0.0
+        self._folds = Folds(count)
+        # Alert limit of the latest sample, rad.
+        self._limit = 0.0
         # Parts of the latest sample without any rival, rad.
         self._parts = [inf] * count
         self.unseen: dict[int, float] = {}
@@ -243,10 +245,11 @@ class Rivals:
 
         A step onto a rival fits; one of half the way, or less, does not.
         """
-        steps = {rival.sensor: inf for rival in self._rivals}
+        steps: dict[int, float] = {}
         for rival in self._rivals:
             way = HALF_WAY * rival.way if rival.found else 0.0
-            steps[rival.sensor] = min(steps[rival.sensor], way)
+            if way < steps.get(rival.sensor, inf):
+                steps[rival.sensor] = way
         for sensor in self._used:
             if self._parts[sensor] > self._limit:
                 steps[sensor] = 0.0
@@ -459,11 +462,13 @@ class Rivals:
 
         Where no fault of a sensor is detected its rivals wait.
         """
-        return [rival for rival in self._rivals if self._is_due(rival, here, parts)]
+        return [
+            rival for rival in self._rivals if not rival.found and self._is_due(rival, here, parts)
+        ]
 
     def _is_due(self, rival: Rival, here: Place, parts: list[float]) -> bool:
-        """Whether a rival is to be found with this sample."""
-        if rival.found or parts[rival.sensor] == inf:
+        """Whether a rival that is not found is to be found with this sample."""
+        if parts[rival.sensor] == inf:
             return False
         return rival.at is None or not within(rival.at, here.quaternion, TRACKED_TURN)
 

@@ -54,9 +54,9 @@ class SampleClock:
     ----------
     now : int
         Time of the latest sample, ns: its stamp, until the clock is set back; then it goes on by a
-        period a sample.
+        period a sample. 0 before the first.
     period : float
-        Usual time between samples, s: a mean over `PERIOD_SAMPLES`.
+        Usual time between samples, s: a mean over `PERIOD_SAMPLES`; 0 before the second sample.
     jitter : float
         Mean deviation of the time between samples from the period, s; longer gaps do not count.
 
@@ -65,30 +65,20 @@ class SampleClock:
     def __init__(self) -> None:
         self._stamp: int | None = None
         # What `now` is ahead of the stamps, ns, and the stamps in a row that went back.
-        self._offset = self._older = 0
+        self._offset = 0
+        self._older = 0
+        self.now = 0
         self.restart()
 
     def restart(self) -> None:
         """Forget the period and the jitter, as after a pause; `now` goes on."""
-        self.jitter = self._period = 0.0
+        self.jitter = 0.0
+        self.period = 0.0
+        # Mean of the times between samples so far, s, and their number.
+        self._mean = 0.0
         self._samples = 0
         # Time by which samples are late, s: what a burst of them makes good.
         self._late = 0.0
-
-    @property
-    def period(self) -> float:
-        """Usual time between samples, s; 0 before the second."""
-        if self._samples >= PERIOD_SAMPLES:
-            return self._period
-        return max(self._period, LEAST_PERIOD) if self._period else 0.0
-
-    @property
-    def now(self) -> int:
-        """Time of the latest sample, ns; 0 before the first."""
-        stamp = self._stamp
-        if stamp is None:
-            return self._offset
-        return stamp + self._offset + self._older * round(self.period * 1e9)
 
     def step(self, stamp: int) -> Tick:
         """
@@ -111,36 +101,46 @@ class SampleClock:
             if self._offset:
                 self._offset += round(LEAST_PERIOD * 1e9) - stamp
             self._stamp = stamp
+            self.now = stamp + self._offset
             return Tick(0.0)
         elapsed = (stamp - self._stamp) * 1e-9
         if elapsed <= 0.0:
-            return self._step_back(min(elapsed, -1e-9))
-        self._stamp, self._older = stamp, 0
+            return self._step_back(self._stamp, min(elapsed, -1e-9))
+        self._stamp = stamp
+        self._older = 0
+        self.now = stamp + self._offset
         if elapsed > RESTART_GAP:
             return Tick(0.0, restarts=True)
         self._follow_period(elapsed)
         return Tick(self._sampled(elapsed))
 
-    def _step_back(self, elapsed: float) -> Tick:
+    def _step_back(self, last: int, elapsed: float) -> Tick:
         """
-        Count a stamp that does not grow, `elapsed` (s, negative) before the last one.
+        Count a stamp that does not grow, `elapsed` (s, negative) before the last one, `last`.
 
         Single ones are old samples. `OLDER_SAMPLES` in a row, and as many as come in `OLDER_TIME`,
         are a clock that was set back: the next stamp of any value then continues `now`.
         With an unknown period, after one sample since the last restart, the number suffices.
         """
         self._older += 1
+        self.now = last + self._offset + self._older * round(self.period * 1e9)
         if self._older < OLDER_SAMPLES or 0.0 < self._older * self.period < OLDER_TIME:
             return Tick(elapsed, is_old=True)
-        self._offset, self._stamp, self._older = self.now, None, 0
+        self._offset = self.now
+        self._stamp = None
+        self._older = 0
         return Tick(elapsed, is_old=True, restarts=True)
 
     def _follow_period(self, elapsed: float) -> None:
         """Average the time between samples, s, and its deviation from the period."""
-        self._samples = min(self._samples + 1, PERIOD_SAMPLES)
-        if self._samples > 1:
+        if self._samples:
             elapsed = min(elapsed, LONGEST_GAP * self.period)
-        self._period += (elapsed - self._period) / self._samples
+        if self._samples < PERIOD_SAMPLES:
+            self._samples += 1
+        self._mean += (elapsed - self._mean) / self._samples
+        self.period = self._mean
+        if self._samples < PERIOD_SAMPLES:
+            self.period = max(self._mean, LEAST_PERIOD)
         if elapsed < JITTER_SHARE * self.period:
             self.jitter += (abs(elapsed - self.period) - self.jitter) / PERIOD_SAMPLES
 

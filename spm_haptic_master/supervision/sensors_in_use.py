@@ -198,6 +198,8 @@ class SensorsInUse:
 
     def followed_without(self, sensor: int) -> Place | None:
         """Return where the platform is if a sensor is wrong, as followed through bad samples."""
+        if not self._trials:
+            return None
         trial = self._trials.get(tuple(sorted({*self.distrusted, sensor})))
         return None if trial is None else trial.place
 
@@ -309,6 +311,8 @@ class SensorsInUse:
 
 def within_reach(angles: Angles) -> Angles:
     """Return readings, rad, with NaN for each that no joint has; the same tuple if none is."""
-    if all(-LARGEST_ANGLE <= angle <= LARGEST_ANGLE or isnan(angle) for angle in angles):
-        return angles
-    return tuple([angle if abs(angle) <= LARGEST_ANGLE else nan for angle in angles])
+    for angle in angles:
+        # NaN, a sensor without a reading, is not larger.
+        if abs(angle) > LARGEST_ANGLE:
+            return tuple([angle if abs(angle) <= LARGEST_ANGLE else nan for angle in angles])
+    return angles

@@ -100,7 +100,8 @@ class Supervisor:
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
-        self._limits, self.alert_limit = limits, limits.alert_limit
+        self._limits = limits
+        self.alert_limit = limits.alert_limit
         self._clock = SampleClock()
         self.joints = JointMonitors(sigma, limits)
         self._sensors = SensorsInUse(solver, sigma, limits)
@@ -145,62 +146,85 @@ class Supervisor:
             The orientation, or None and the cause.
 
         """
-        clock = self._clock
         self.parity = None
         self.parts = self._unknown
+        clock = self._clock
         tick = clock.step(stamp)
         if tick.is_old:
             if tick.restarts:
                 self._restart()
             return self._withhold(withheld(Reason.OLD, f'{-tick.elapsed:.6f} s older'))
         is_gap = tick.restarts or tick.elapsed > GAP_PERIODS * clock.period > 0.0
-        suspected = self._jumps(is_gap=True, any_step=True) if is_gap else []
-        if tick.restarts:
-            self.latch.latch_suspected(clock.now, suspected)
-            self._restart()
-            suspected = []
-        given = angles
-        angles = within_reach(given)
-        cause = self._sensors.note(angles)
-        if cause is not None and angles is not given:
-            cause = withheld(Reason.NOT_FINITE, f'{list(given)} rad')
-        away, symptoms = self.joints.check(
-            angles,
+        hidden_jumps = self._jumps_in_gap(tick) if is_gap else []
+        readings = within_reach(angles)
+        cause = self._too_few(readings, angles)
+        is_away, symptoms = self.joints.check(
+            readings,
             tick.elapsed,
             clock.period or tick.elapsed,
             clock.jitter,
             self._sensors.left_out,
         )
-        sample = self._sample(angles)
+        sample = self._sample(readings)
         if cause is not None:
             return self._bad(sample, tick, [cause])
         self._check_noise(sample, symptoms)
         self._solve(sample, symptoms)
-        symptoms += [jump for jump in suspected if not self.joints.has_returned(jump.sensor)]
-        if away:
+        if hidden_jumps:
+            symptoms += self._staying(hidden_jumps)
+        if is_away:
             # What the parity sees is bad anyway: the jump gives it its name.
             symptoms += self._jumps(is_gap, any_step=is_gap or bool(symptoms))
         else:
-            self._hidden = self._exposure.hidden
-            self._unseen = self._rivals.unseen
-            self._undisturbed = sample.stamp
-        if symptoms:
-            return self._bad(sample, tick, symptoms)
-        return self._consistent(sample, tick)
+            self._note_undisturbed(sample.stamp)
+        return self._bad(sample, tick, symptoms) if symptoms else self._consistent(sample, tick)
+
+    def _jumps_in_gap(self, tick: Tick) -> list[Symptom]:
+        """
+        Return the sensors that may have jumped while no sample came.
+
+        After a pause they are a fault at once, because nothing of the motion before it is left to
+        compare the next samples with.
+        """
+        jumps = self._jumps(is_gap=True, any_step=True)
+        if not tick.restarts:
+            return jumps
+        self.latch.latch_suspected(self._clock.now, jumps)
+        self._restart()
+        return []
+
+    def _staying(self, jumps: list[Symptom]) -> list[Symptom]:
+        """Return those of some jumps whose sensor is not back on its motion with this sample."""
+        return [jump for jump in jumps if not self.joints.has_returned(jump.sensor)]
+
+    def _too_few(self, readings: Angles, given: Angles) -> Symptom | None:
+        """Return why the sensors with a reading do not suffice; `given` are the angles as came."""
+        cause = self._sensors.note(readings)
+        if cause is not None and readings is not given:
+            return withheld(Reason.NOT_FINITE, f'{list(given)} rad')
+        return cause
 
     def _sample(self, angles: Angles) -> Sample:
         """Return the angles with what the solution of this sample has to allow for."""
-        now = self._clock.now
+        clock = self._clock
+        anchor = self._anchor
+        joints = self.joints
         return Sample(
-            now,
-            angles,
-            self._anchor.prior(now),
-            self._anchor.stamp,
-            self.joints.bias,
-            self.joints.factors,
-            self.joints.parity_bias,
-            self._clock.period,
+            stamp=clock.now,
+            angles=angles,
+            prior=anchor.prior(clock.now),
+            followed=anchor.stamp,
+            bias=joints.bias,
+            factors=joints.factors,
+            parity_bias=joints.parity_bias,
+            period=clock.period,
         )
+
+    def _note_undisturbed(self, stamp: int) -> None:
+        """Note what the parity could not see while all joints are on their motion, at a stamp."""
+        self._hidden = self._exposure.hidden
+        self._unseen = self._rivals.unseen
+        self._undisturbed = stamp
 
     @property
     def _fresh(self) -> int:
@@ -260,7 +284,8 @@ class Supervisor:
         well. The rivals are followed only if the orientation continues the last one and is
         determined.
         """
-        estimate, worth = used.estimate, used.worth
+        estimate = used.estimate
+        worth = used.worth
         if estimate is None or worth is None:
             return None
         symptom = self._anchor.check(
@@ -359,28 +384,51 @@ class Supervisor:
         It becomes the orientation that the next one has to continue even if it is not published.
         It is withheld while a fault is latched that is not over, and if `_unworthy` has a reason.
         """
-        used, stamp = self._sensors.used, sample.stamp
-        estimate, worth = used.estimate, used.worth
+        estimate = self._sensors.used.estimate
+        worth = self._sensors.used.worth
         if estimate is None or worth is None or not estimate.determined:
             return self._undetermine(sample)
-        self.latch.note_consistent()
-        quaternion = self._anchor.follow(stamp, estimate.quaternion, worth.deviation)
-        if self._anchor.stamp is None or worth.deviation > self._limits.deviation:
-            self._undetermined = stamp
-        self._rivals.accept(sample, estimate)
+        quaternion = self._continue(sample, estimate, worth.deviation)
+        stamp = sample.stamp
         level = self._exposure.take(stamp, self.parts, self.alert_limit, worth.healthy)
         symptom = self._watch_left_out(sample, quaternion)
         if symptom is not None:
             return self._bad(sample, tick, [symptom])
-        if not self.latch.clears(self._exposure, stamp):
-            return self._withhold(self.latch.fault.symptom if self.latch.fault else None)
-        if self.latch.fault is not None:
-            self.latch.end()
+        if self.latch.fault is not None and not self._end_fault(stamp):
+            return self._withhold(self.latch.fault.symptom)
         self._sensors.end_trials()
         cause = self._unworthy(stamp, worth.deviation, level)
         if cause is None:
             return self._publish(sample, estimate, quaternion, level)
-        if not used.entries and cause.reason in (Reason.UNDETERMINED, Reason.UNPROTECTED):
+        return self._withhold_unworthy(stamp, cause)
+
+    def _continue(
+        self, sample: Sample, estimate: SampleEstimate, deviation: float
+    ) -> Quaternion[float]:
+        """
+        Let the next sample continue a consistent orientation; return it, continuous in sign.
+
+        With a total standard deviation, rad, that is too large, samples that do not continue it
+        are no evidence of a fault.
+        """
+        self.latch.note_consistent()
+        quaternion = self._anchor.follow(sample.stamp, estimate.quaternion, deviation)
+        if self._anchor.stamp is None or deviation > self._limits.deviation:
+            self._undetermined = sample.stamp
+        self._rivals.accept(sample, estimate)
+        return quaternion
+
+    def _end_fault(self, stamp: int) -> bool:
+        """End the latched fault if it is over with a consistent sample; return whether it is."""
+        is_over = self.latch.clears(self._exposure, stamp)
+        if is_over:
+            self.latch.end()
+        return is_over
+
+    def _withhold_unworthy(self, stamp: int, cause: Symptom) -> Verdict:
+        """Withhold a consistent orientation that is not worth enough."""
+        is_unsure = cause.reason in (Reason.UNDETERMINED, Reason.UNPROTECTED)
+        if is_unsure and not self._sensors.used.entries:
             # Two solutions of three sensors may meet: only all sensors can continue after it.
             self.latch.latch(stamp, cause)
         return self._withhold(cause)
@@ -391,13 +439,15 @@ class Supervisor:
 
         Returns a symptom if a sensor that had come back to three others contradicts them again.
         """
+        has_fault = self.latch.fault is not None
+        has_left_out = bool(self._sensors.distrusted)
+        if not has_fault and not has_left_out:
+            return None
         here = Place(sample.stamp, quaternion)
-        if self.latch.fault is not None:
+        if has_fault:
             parts = self._rivals.parts_since(here, self.latch.onset)
             self._exposure.take_after_fault(sample.stamp, parts, self.alert_limit)
-        if not self._sensors.distrusted:
-            return None
-        return self._sensors.readmit(sample, here, self.alert_limit)
+        return self._sensors.readmit(sample, here, self.alert_limit) if has_left_out else None
 
     def _publish(
         self,
@@ -410,7 +460,8 @@ class Supervisor:
         if quaternion is not estimate.quaternion:
             estimate = estimate._replace(quaternion=quaternion)
         reservations = self._sensors.words or (SERIES if self.latch.is_series else '')
-        self._last, self._state.published = (quaternion, sample.angles), sample.stamp
+        self._last = quaternion, sample.angles
+        self._state.published = sample.stamp
         if self._state.announced is not HEALTHY or reservations:
             self._state.enter(sample.stamp, '', None, reservations)
         return Verdict(self._state.announced, estimate, level)
@@ -435,7 +486,8 @@ class Supervisor:
         deviation above the limit (rad), a protection level above the alert limit (rad), and a
         sensor that has not been checked, or not for too long.
         """
-        limits, clean = self._limits, self.latch.clean
+        limits = self._limits
+        clean = self.latch.clean
         if self._state.published is None and clean < limits.start_samples:
             return withheld(
                 Reason.STARTING, f'{clean} consistent samples of {limits.start_samples}'
@@ -446,15 +498,9 @@ class Supervisor:
                 f'standard deviation {deviation:.4f} rad, limit {limits.deviation:g}',
             )
         if level > self.alert_limit:
-            return withheld(
-                Reason.UNPROTECTED,
-                ', '.join(
-                    [
-                        f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}',
-                        *self.joints.cautions().values(),
-                    ]
-                ),
-            )
+            detail = f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}'
+            cautions = self.joints.cautions().values()
+            return withheld(Reason.UNPROTECTED, ', '.join([detail, *cautions]))
         return self._exposure.overdue(stamp, limits, self._sensors.left_out)
 
     def _withhold(self, cause: Symptom | None) -> Verdict:
@@ -468,7 +514,9 @@ class Supervisor:
 
         Empty if nothing does, or not for longer than `START_TIME` and the samples of a start.
         """
-        latest, since, first = self.latch.latest, self._state.since, self._limits.start_samples
+        latest = self.latch.latest
+        since = self._state.since
+        first = self._limits.start_samples
         if latest is None or since is None or self._state.published is not None:
             return ''
         longest = START_TIME + first * self._clock.period
@@ -484,17 +532,14 @@ class Supervisor:
         """
         self._undetermined = None
         self._hidden = self._exposure.all
-        for part in (
-            self._state,
-            self.latch,
-            self._sensors,
-            self._exposure,
-            self._anchor,
-            self._rivals,
-            self._clock,
-            self.joints,
-        ):
-            part.restart()
+        self._state.restart()
+        self.latch.restart()
+        self._sensors.restart()
+        self._exposure.restart()
+        self._anchor.restart()
+        self._rivals.restart()
+        self._clock.restart()
+        self.joints.restart()
 
     def acknowledge(self) -> Acknowledgement:
         """
@@ -552,6 +597,7 @@ def make_supervisor(values: Values) -> Supervisor:
         Settings contradict each other: see `limits_from`.
 
     """
-    limits, sigma = limits_from(values), sigma_from(values)
+    limits = limits_from(values)
+    sigma = sigma_from(values)
     solver = Solver(geometry_from(values), sigma, values['working_mode'], limits.bias)
     return Supervisor(solver, sigma, limits)
