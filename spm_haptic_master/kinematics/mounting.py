@@ -68,7 +68,7 @@ class Mounting:
 
     def applied(self, estimate: SampleEstimate) -> SampleEstimate:
         """Return an estimate with orientation and covariance as mounted."""
-        return estimate._replace(
+        return estimate.with_orientation(
             quaternion=self.mounted(estimate.quaternion),
             covariance=self.covariance(estimate.covariance),
         )

@@ -15,8 +15,8 @@ fault. A smaller fault turns the orientation by the slope times that, at most.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import hypot, inf, pi, sqrt
-from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 
@@ -25,7 +25,8 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 MISSED_DETECTION = 5.3
 
 
-class Integrity(NamedTuple):
+@dataclass(slots=True)
+class Integrity:
     """
     What an orientation is worth if one of its sensors is faulty.
 
@@ -111,39 +112,35 @@ def integrity(
     """
     turns = estimate.gain_sizes
     moves = estimate.parity_sizes
-    turned, moved = _biased(turns, moves, bias, estimate.sensors.weights)
+    weights = estimate.sensors.weights
+    slopes = []
+    # What the biases turn, rad, and move the whitened parity, and the square of their size in it.
+    turned = 0.0
+    moved = 0.0
+    whitened = 0.0
+    for sensor, offset in enumerate(bias):
+        turn = turns[sensor]
+        move = moves[sensor]
+        turned += turn * offset
+        moved += move * offset
+        whitened += weights[sensor] * offset * offset
+        slopes.append(turn / move if move else inf)
+    # No projection is longer than what it is of, nor than the sum of its parts.
+    moved = min(moved, sqrt(whitened), parity_bias * hypot(*moves))
     covariance = estimate.covariance
     variance = covariance[0] + covariance[4] + covariance[8]
-    square = 1.0
+    parity_variance = 1.0
     if max(factors) > 1.0:
         sigma = estimate.sensors.sigma
         for turn, move, factor, deviation in zip(turns, moves, factors, sigma, strict=True):
             excess = (factor * factor - 1.0) * deviation * deviation
             variance += excess * turn * turn
-            square += excess * move * move
+            parity_variance += excess * move * move
     deviation = sqrt(variance)
     return Integrity(
         healthy=MISSED_DETECTION * deviation + turned,
         deviation=deviation,
-        noise=sqrt(square),
-        bias=min(moved, parity_bias * hypot(*moves)),
-        slopes=[turn / move if move else inf for turn, move in zip(turns, moves, strict=True)],
+        noise=sqrt(parity_variance),
+        bias=moved,
+        slopes=slopes,
     )
-
-
-def _biased(
-    turns: tuple[float, ...],
-    moves: tuple[float, ...],
-    bias: tuple[float, ...],
-    weights: tuple[float, ...],
-) -> tuple[float, float]:
-    """Return what the nominal biases (rad) turn, rad, and move the whitened parity, at most."""
-    turned = 0.0
-    moved = 0.0
-    total = 0.0
-    for turn, move, offset, weight in zip(turns, moves, bias, weights, strict=False):
-        turned += turn * offset
-        moved += move * offset
-        total += weight * offset * offset
-    # No projection is longer than what it is of, nor than the sum of its parts.
-    return turned, min(moved, sqrt(total))

@@ -329,8 +329,9 @@ class Rivals:
         turn = rotation_distance(here.quaternion, last.quaternion)
         if not is_gap and self._stays(turn, parts):
             return
+        is_trying = self._sensors.is_trying
         for sensor in self._used:
-            followed = self._sensors.followed_without(sensor)
+            followed = self._sensors.followed_without(sensor) if is_trying else None
             if followed is not None and followed != self._left.get(sensor):
                 self._note_followed(sensor, followed, here, parts[sensor])
             elif is_gap or turn > SAME_TURN:
@@ -352,7 +353,7 @@ class Rivals:
         began = self._hidden.pop(sensor, None)
         if began is not None and not self._is_beside(here, began, sensor):
             self._lose(sensor, began)
-        elif turn > min(SAME_TURN, 0.5 * self._folds.distance(sensor)):
+        elif turn > SAME_TURN or turn > 0.5 * self._folds.distance(sensor):
             self._lose(sensor, last)
 
     def _stays(self, turn: float, parts: list[float]) -> bool:

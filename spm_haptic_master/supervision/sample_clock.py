@@ -10,7 +10,7 @@ other arrive in a burst. No other module derives an age from a stamp as it came.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
 # Time of samples with older stamps, s, and their least number: the clock was set back.
@@ -24,7 +24,8 @@ LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
 JITTER_SHARE, BURST_SHARE = 1.5, 0.5
 
 
-class Tick(NamedTuple):
+@dataclass(slots=True)
+class Tick:
     """
     What a stamp says.
 

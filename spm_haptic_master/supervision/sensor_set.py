@@ -11,8 +11,9 @@ sensors: the parity test of a sample and of the window, and the integrity of the
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from math import degrees, hypot, inf, pi, sqrt
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from spm_haptic_master.exceptions import AmbiguousError, SpmError
 from spm_haptic_master.kinematics.estimation.estimates import (
@@ -196,7 +197,8 @@ def total_deviation(estimate: SampleEstimate) -> float:
     return sqrt(covariance[0] + covariance[4] + covariance[8])
 
 
-class Sample(NamedTuple):
+@dataclass(slots=True)
+class Sample:
     """
     One sample of N mounted sensors, and what to allow for.
 

@@ -198,8 +198,6 @@ class SensorsInUse:
 
     def followed_without(self, sensor: int) -> Place | None:
         """Return where the platform is if a sensor is wrong, as followed through bad samples."""
-        if not self._trials:
-            return None
         trial = self._trials.get(tuple(sorted({*self.distrusted, sensor})))
         return None if trial is None else trial.place
 

@@ -12,8 +12,8 @@ sample is still withheld while a fault is latched, or if its orientation is not 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from math import degrees, inf
-from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     DETERMINED_DEVIATION,
@@ -43,7 +43,8 @@ START_TIME = 1.0
 SERIES = 'inconsistent angles again and again'
 
 
-class Verdict(NamedTuple):
+@dataclass(slots=True)
+class Verdict:
     """
     The decision about one sample.
 
@@ -458,7 +459,7 @@ class Supervisor:
     ) -> Verdict:
         """Publish an orientation, with a quaternion that is continuous in sign."""
         if quaternion is not estimate.quaternion:
-            estimate = estimate._replace(quaternion=quaternion)
+            estimate = estimate.with_orientation(quaternion, estimate.covariance)
         reservations = self._sensors.words or (SERIES if self.latch.is_series else '')
         self._last = quaternion, sample.angles
         self._state.published = sample.stamp

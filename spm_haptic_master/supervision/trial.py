@@ -11,7 +11,7 @@ fails starts again; a set of three does not, because it always agrees.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.supervision.anchor import PRIOR_AGE, within
@@ -19,7 +19,8 @@ from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
 
 
-class Place(NamedTuple):
+@dataclass(slots=True)
+class Place:
     """
     An orientation at a time.
 
@@ -80,7 +81,8 @@ class Trial:
         """
         place = self.place
         recent = place is not None and sample.stamp - place.stamp <= PRIOR_AGE
-        own = sample._replace(
+        own = replace(
+            sample,
             prior=place.quaternion if place is not None and recent else None,
             followed=None if place is None else place.stamp,
         )

@@ -7,6 +7,8 @@ No other orientation is taken for the right one: the rows of the attacks, by the
 Each was published as healthy, and checked, once.
 """
 
+from dataclasses import replace
+
 from device import about, encoders, every, joint_angles, MS, offset, Outcome, paused, run, SINGULAR
 import numpy as np
 import pytest
@@ -393,7 +395,7 @@ def test_a_hidden_sensor_that_drifted_is_followed_from_before_it_was_hidden():
     assert rivals.place_without(3) == before
     rivals._hidden[3] = before
     moved = quaternion_from_matrix(workspace_pose(0.0, 0.0, 0.6))
-    rivals.last = before._replace(quaternion=tuple(moved.tolist()))
+    rivals.last = replace(before, quaternion=tuple(moved.tolist()))
     assert rivals.place_without(3) == before
     assert rivals.place_without(0) == rivals.last
 

@@ -11,8 +11,8 @@ reach of a leg, and each leg stays in the working mode of its reading.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import hypot, sin
-from typing import NamedTuple
 
 import numpy as np
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
@@ -66,7 +66,8 @@ DETERMINED_DEVIATION = 0.1
 DETERMINED_VARIANCE = DETERMINED_DEVIATION**2
 
 
-class SampleEstimate(NamedTuple):
+@dataclass(slots=True)  # to freeze it would cost as much as all its fields
+class SampleEstimate:
     """
     Maximum-likelihood orientation of one sample, in plain floats.
 
@@ -83,39 +84,50 @@ class SampleEstimate(NamedTuple):
     determined : bool
         Whether the sensors determine the orientation: total deviation below
         `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
-    slopes : tuple of two tuples of four float
-        Legs B and C: rates of th1B and th1C along th1A, th2A, th3A, from the second entry on
-        (unit 1).
-    weights : tuple of N float
-        1 / sigma^2 of the sensors, 0 of a missing one, 1 / rad^2.
-    motions : tuple of three vectors
-        Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
+    sensors : UsedSensors
+        The sensors in use.
     parity_vector : tuple of float
         Whitened residuals (unit 1), one for each sensor beyond three: independent, of unit
         variance for healthy sensors. The first is that of the first four sensors; each further
         one is what the next sensor differs by from the estimate of those before it.
-    thirds : tuple of two tuples of four float
-        Sensors on th3B and th3C: rates along th1A, th2A, th3A, from the second entry on (unit 1).
-    entries, determinant : tuple of six float, float
-        Covariance of th1A, th2A, th3A, as of `inverse_normal`.
+    parity_sizes, gain_sizes : tuple of N float
+        Of each of the N mounted sensors, the length of its parity gain (1 / rad) and of its gain
+        (unit 1): what its reading moves the parity vector by, and turns the orientation by. 0 for
+        a sensor that is left out.
+    rows : tuple of N Row
+        Residuals and rates of the sensors at the solution, of `linearise`.
+    spread : Symmetric
+        Covariance of th1A, th2A, th3A, rad^2.
 
     """
 
-    # Unit quaternion x, y, z, w of R_base_platform, of either sign.
     quaternion: Quaternion[float]
-    # Covariance of the rotation error, a rotation vector in the base frame, rad^2, row by row.
     covariance: Rotation[float]
-    # As of `Estimate`; the parity is None with three sensors.
     parity: float | None
     parity_vector: tuple[float, ...]
     determined: bool
     sensors: UsedSensors
-    # Lengths of the N parity gains (1 / rad) and gains (unit 1); 0 for a sensor that is left out.
     parity_sizes: tuple[float, ...]
     gain_sizes: tuple[float, ...]
-    # Of `linearise` and `gauss_newton_step`; `parity_gains` needs them.
     rows: tuple[Row[float], ...]
     spread: Symmetric[float]
+
+    def with_orientation(
+        self, quaternion: Quaternion[float], covariance: Rotation[float]
+    ) -> SampleEstimate:
+        """Return the estimate with an orientation in other terms, and its covariance, rad^2."""
+        return SampleEstimate(
+            quaternion=quaternion,
+            covariance=covariance,
+            parity=self.parity,
+            parity_vector=self.parity_vector,
+            determined=self.determined,
+            sensors=self.sensors,
+            parity_sizes=self.parity_sizes,
+            gain_sizes=self.gain_sizes,
+            rows=self.rows,
+            spread=self.spread,
+        )
 
     @property
     def parity_gains(self) -> tuple[tuple[float, ...], ...]:
