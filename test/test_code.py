@@ -26,13 +26,6 @@ DECISIONS = (
     ast.match_case,
 )
 DEFINITIONS = ast.FunctionDef | ast.AsyncFunctionDef
-# Files with functions that are larger, and how many.
-LARGER = {
-    'supervision/exposure.py': 1,
-    'supervision/joint_monitors.py': 1,
-    'supervision/protection.py': 1,
-    'supervision/supervisor.py': 2,
-}
 
 
 def inside(function):
@@ -77,7 +70,7 @@ def larger(path):
 def test_a_function_fits_a_page_and_has_few_decisions():
     package = ROOT / 'spm_haptic_master'
     found = {path.relative_to(package).as_posix(): larger(path) for path in package.rglob('*.py')}
-    assert {path: len(names) for path, names in found.items() if names} == LARGER, found
+    assert not {path: names for path, names in found.items() if names}
 
 
 def test_decisions_of_operators_and_comprehensions_count():

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -139,7 +140,7 @@ class ForceController:
         if self._state.why is Reason.ENERGY:
             self._energy.restart()
         self._enter(READY if self._support.has_torque else OFF)
-        self.output = self.output._replace(state=self._state)
+        self.output = replace(self.output, state=self._state)
         return True
 
     def has_seen(self, stamp: int) -> bool:

@@ -73,15 +73,17 @@ class LinkWeight:
     def torque(self, rates: MotorRates) -> Vector[float]:
         """Return the torque on the handle, N m in the base frame, in the pose of `rates`."""
         leg = rates.legs[self._number]
-        third, u, divisor, reach, _, row = rates.leg_poses[self._number]
+        pose = rates.leg_poses[self._number]
+        u = pose.u
+        divisor = pose.divisor
         # Z2k by its products with Z1k, Z3k and Z1k x Z3k; its torque turns by the row of th1k.
         second = (
             (leg.cos_alpha - leg.cos_beta * u) * self._along
-            + (leg.cos_beta - leg.cos_alpha * u) * dot(self._torque, third)
-            - sqrt(reach) * dot(self._across, third)
+            + (leg.cos_beta - leg.cos_alpha * u) * dot(self._torque, pose.third)
+            - sqrt(pose.reach) * dot(self._across, pose.third)
         ) / divisor
         motor_torque = (self._constant + second) / divisor
-        return scaled(motor_torque, row)
+        return scaled(motor_torque, pose.row)
 
 
 class Weight:

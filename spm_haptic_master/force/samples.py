@@ -10,6 +10,7 @@ contract: `off`, `ready`, `engaged`, `holding`, `fading: WHY`, `fault: WHY`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -142,7 +143,8 @@ class Wrench(NamedTuple):
     in_handle: bool = False  # whether in the handle's frame; else in the base frame
 
 
-class ForceSample(NamedTuple):
+@dataclass(slots=True)  # to freeze it would cost as much as all its fields
+class ForceSample:
     """A joint sample and its circumstances."""
 
     stamp: int  # ns
@@ -164,7 +166,8 @@ class ForceSample(NamedTuple):
     weightless: bool = True  # whether the weight of handle and links is compensated
 
 
-class ForceOutput(NamedTuple):
+@dataclass(slots=True)
+class ForceOutput:
     """Motor torques of a sample, and their figures."""
 
     state: ForceState
@@ -178,7 +181,8 @@ class ForceOutput(NamedTuple):
     share: float  # of the arriving wrench that the energy leaves, 0 to 1
 
 
-class Command(NamedTuple):
+@dataclass(slots=True)
+class Command:
     """What is commanded with a sample."""
 
     motor_torque: Torques  # N m

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
 from math import inf, radians, sqrt
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from spm_haptic_master.exceptions import InputError, quoted
 from spm_haptic_master.force.vectors import NOTHING
@@ -103,7 +103,8 @@ def clipped(value: float, limit: float) -> float:
     return -limit if value < -limit else limit if value > limit else value
 
 
-class LegPose(NamedTuple):
+@dataclass(slots=True)
+class LegPose:
     """A leg in a pose."""
 
     third: Vector[float]  # Z3k in the base frame
@@ -158,7 +159,7 @@ class LegConstants:
         factor = (self.cos_alpha - u * self.cos_beta) / sqrt(reach)
         normal = nx, ny, nz = cross(self.first, third)
         row = fx - u * x + factor * nx, fy - u * y + factor * ny, fz - u * z + factor * nz
-        return LegPose(third, u, divisor, reach, normal, row)
+        return LegPose(third=third, u=u, divisor=divisor, reach=reach, normal=normal, row=row)
 
     def third_row(self, pose: LegPose) -> Vector[float]:
         """Return 1 - u^2 times the row of th3k of G, in a pose."""

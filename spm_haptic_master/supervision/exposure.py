@@ -182,22 +182,32 @@ class Exposure:
         `unchecked_limit` every so often. The time counts from the first consistent sample of all,
         so that a pause does not restart it.
         """
-        longest = limits.unchecked_limit or inf
-        first, began = self._first, self._began
-        if first is None or began is None:
+        if not limits.start_checked and not limits.unchecked_limit:
             return None
-        running = (stamp - first) * 1e-9
-        if not limits.start_checked and running <= longest:
+        began = self._began
+        if self._first is None or began is None:
             return None
+        running = (stamp - self._first) * 1e-9
         for sensor, time in enumerate(self.times(stamp)):
-            if sensor in left_out:
-                continue
-            if limits.start_checked and not self._checks.since(sensor, began):
-                return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
-            unchecked = min(time, running)
-            if unchecked > longest:
-                detail = f'{unchecked:.0f} s, limit {longest:g}'
-                return withheld(Reason.UNCHECKED, detail, sensor)
+            symptom = self._overdue_sensor(sensor, min(time, running), began, limits)
+            if symptom is not None and sensor not in left_out:
+                return symptom
+        return None
+
+    def _overdue_sensor(
+        self, sensor: int, unchecked: float, began: int, limits: Limits
+    ) -> Symptom | None:
+        """
+        Return why a sensor has to be checked first, which has been unchecked for a time, s.
+
+        `began` is the stamp of the first consistent sample since the last pause, ns.
+        """
+        if limits.start_checked and not self._checks.since(sensor, began):
+            return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
+        longest = limits.unchecked_limit or inf
+        if unchecked > longest:
+            detail = f'{unchecked:.0f} s, limit {longest:g}'
+            return withheld(Reason.UNCHECKED, detail, sensor)
         return None
 
     def cautions(self, stamp: int) -> dict[str, str]:

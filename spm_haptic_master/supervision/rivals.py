@@ -329,9 +329,9 @@ class Rivals:
         turn = rotation_distance(here.quaternion, last.quaternion)
         if not is_gap and self._stays(turn, parts):
             return
-        is_trying = self._sensors.is_trying
+        followed_without = self._sensors.followed()
         for sensor in self._used:
-            followed = self._sensors.followed_without(sensor) if is_trying else None
+            followed = followed_without.get(sensor)
             if followed is not None and followed != self._left.get(sensor):
                 self._note_followed(sensor, followed, here, parts[sensor])
             elif is_gap or turn > SAME_TURN:

@@ -196,10 +196,17 @@ class SensorsInUse:
             for trusted in base:
                 yield tuple(sorted({*base, sensor} - {trusted}))
 
-    def followed_without(self, sensor: int) -> Place | None:
-        """Return where the platform is if a sensor is wrong, as followed through bad samples."""
-        trial = self._trials.get(tuple(sorted({*self.distrusted, sensor})))
-        return None if trial is None else trial.place
+    def followed(self) -> dict[int, Place]:
+        """
+        Return where the platform is if a sensor is wrong, as followed through bad samples.
+
+        By the sensor, of those in use; only such with a trial of the others that has a place.
+        """
+        if not self._trials:
+            return {}
+        return {
+            sensor: trial.place for sensor, trial in self._without_one() if trial.place is not None
+        }
 
     def passing(self, stamp: int, onset: int) -> list[int]:
         """

@@ -152,9 +152,7 @@ class Supervisor:
         clock = self._clock
         tick = clock.step(stamp)
         if tick.is_old:
-            if tick.restarts:
-                self._restart()
-            return self._withhold(withheld(Reason.OLD, f'{-tick.elapsed:.6f} s older'))
+            return self._withhold_old(tick)
         is_gap = tick.restarts or tick.elapsed > GAP_PERIODS * clock.period > 0.0
         hidden_jumps = self._jumps_in_gap(tick) if is_gap else []
         readings = within_reach(angles)
@@ -179,6 +177,12 @@ class Supervisor:
         else:
             self._note_undisturbed(sample.stamp)
         return self._bad(sample, tick, symptoms) if symptoms else self._consistent(sample, tick)
+
+    def _withhold_old(self, tick: Tick) -> Verdict:
+        """Withhold a sample whose stamp does not grow; restart if the clock was set back."""
+        if tick.restarts:
+            self._restart()
+        return self._withhold(withheld(Reason.OLD, f'{-tick.elapsed:.6f} s older'))
 
     def _jumps_in_gap(self, tick: Tick) -> list[Symptom]:
         """

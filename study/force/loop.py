@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import pi, radians
 from typing import Any
 
@@ -176,7 +176,7 @@ class ClosedLoop:
             self._velocity.value(),
             wrench=wrench,
         )
-        self.output = self._controller.take(sample._replace(**changed))
+        self.output = self._controller.take(replace(sample, **changed))
         return self.output
 
     def move(self, here: Vector[float], in_force: tuple[float, ...] | None = None) -> None:

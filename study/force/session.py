@@ -11,7 +11,7 @@ The device is MuJoCo's; the verdict about each sample is the supervision's, with
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, radians
 from typing import NamedTuple
 
@@ -211,8 +211,8 @@ class Computer:
         else:
             self.quaternion = decided.estimate.quaternion
             self._velocity.add(stamp, self.quaternion)
-            self._sample = self._sample._replace(
-                quaternion=self.quaternion, velocity=self._velocity.value()
+            self._sample = replace(
+                self._sample, quaternion=self.quaternion, velocity=self._velocity.value()
             )
 
     def act(
@@ -220,7 +220,7 @@ class Computer:
     ) -> ForceOutput:
         """Return the force output of that sample."""
         return self.force.take(
-            self._sample._replace(wrench=wrench, drives=drives, clutched=clutched)
+            replace(self._sample, wrench=wrench, drives=drives, clutched=clutched)
         )
 
 

@@ -3,6 +3,7 @@
 
 """A device at a pose, whose samples force feedback takes one after the other, without a plant."""
 
+from dataclasses import replace
 import math
 
 from spm_haptic_master.force import ForceController, ForceLimits, ForceSample, Wrench
@@ -52,7 +53,7 @@ class Bench:
         if self.torque is not None:
             self.wrench = Wrench(self.now, self.torque)
         sample = ForceSample(self.now, ANGLES, QUATERNION, STILL, wrench=self.wrench)
-        output = self.controller.take(sample._replace(**self.changed, **changed))
+        output = self.controller.take(replace(sample, **self.changed, **changed))
         self.outputs.append(output)
         return output
 
