@@ -25,7 +25,9 @@ from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 
 # Tilts, azimuths and self-rotations at which a region is evaluated.
-TILTS, AZIMUTHS, TURNS = 5, 8, 13
+TILTS = 5
+AZIMUTHS = 8
+TURNS = 13
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,8 @@ def region_poses(tilt: float, first: float, last: float) -> NDArray[np.float64]:
 
 # The part of the workspace that a device is used in: tilts to 20 deg on both sides of the
 # singularity, which lies near a self-rotation of 50 deg.
-WORKSPACE_TILT, WORKSPACE_TURNS = radians(20.0), (0.0, radians(90.0))
+WORKSPACE_TILT = radians(20.0)
+WORKSPACE_TURNS = (0.0, radians(90.0))
 
 
 def checkability(

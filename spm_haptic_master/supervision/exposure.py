@@ -42,7 +42,8 @@ class Sight:
     """
 
     def __init__(self, sensors: int, window: int) -> None:
-        self._window, self._sensors = window, sensors
+        self._window = window
+        self._sensors = sensors
         self.last: list[int | None] = [None] * sensors
         # Number of consistent samples so far.
         self._samples = 0

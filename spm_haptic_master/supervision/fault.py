@@ -31,9 +31,11 @@ from spm_haptic_master.supervision.symptom import (
 
 # Bad samples in a row that latch a fault; a shorter run only withholds them. Samples that are only
 # withheld may stand between them, for so long (ns): motion from before a longer gap is of no use.
-FAULT_SAMPLES, RUN_GAP = 3, round(RESTART_GAP * 1e9)
+FAULT_SAMPLES = 3
+RUN_GAP = round(RESTART_GAP * 1e9)
 # Runs of bad samples that are a series, and consistent samples that end it.
-SERIES_RUNS, SERIES_END = 3, 100
+SERIES_RUNS = 3
+SERIES_END = 100
 # Reasons that blame no sensor.
 UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
 # Reasons that a sensor which jumped explains.
@@ -170,7 +172,9 @@ class FaultLatch:
     """
 
     def __init__(self, sensors: SensorsInUse, joints: JointMonitors, recovery: float) -> None:
-        self._sensors, self._joints, self._recovery = sensors, joints, recovery
+        self._sensors = sensors
+        self._joints = joints
+        self._recovery = recovery
         self.fault: Fault | None = None
         self.onset = 0
         # Stamps (ns): the latest bad sample, and the latest that no jump explains.
@@ -318,7 +322,8 @@ class FaultLatch:
             self.note_withheld()
             return None
         self._count(sample.stamp, symptoms)
-        self.clean, self.latest = 0, cause
+        self.clean = 0
+        self.latest = cause
         if self.fault is not None:
             return self._widen(sample, symptoms)
         if self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH:
@@ -364,7 +369,9 @@ class FaultLatch:
         fault = self.fault
         if fault is None:
             return None
-        fault.last_bad, fault.agreed_from, fault.waiting = sample.stamp, None, ()
+        fault.last_bad = sample.stamp
+        fault.agreed_from = None
+        fault.waiting = ()
         for left in self._joints.left(self._sensors.used.sensors.used):
             fault.jumped.setdefault(left, self._joints.departure(left))
         named = {symptom.sensor for symptom in symptoms} - {None}

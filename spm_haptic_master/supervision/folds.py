@@ -23,7 +23,9 @@ from spm_haptic_master.supervision.sensor_set import SensorSet
 
 # Least and largest turn of the platform (rad) after which the curvatures are computed anew;
 # between them, the turn in which the share of the largest parity changes by no more than `SHARE`.
-NEAR_TURN, ANY_TURN, SHARE = 0.02, 0.2, 0.05
+NEAR_TURN = 0.02
+ANY_TURN = 0.2
+SHARE = 0.05
 # What a turn changes a curvature by, over the length of the parity's derivative by the readings
 # (1 / rad): the median of 2,900 poses to a tilt of 25 deg is 1, and 99 % are below, but within
 # degrees of where a leg's reach ends.

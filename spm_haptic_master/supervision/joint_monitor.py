@@ -31,7 +31,8 @@ _COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _TOTAL
 HOLD = 0.01  # s, longest time that a slow encoder repeats a reading: it has 100 Hz or more
 # Share of repeats of a moving joint above which its encoder is slower than the bus, and
 # the samples over which it is averaged.
-HOLD_SHARE, HOLD_SAMPLES = 0.4, 8.0
+HOLD_SHARE = 0.4
+HOLD_SAMPLES = 8.0
 # Periods without a reading after which it comes late.
 LATE_PERIODS = 1.5
 FORGET_PERIODS = 5.0  # without a reading, after which the velocity is set anew
@@ -46,13 +47,17 @@ RETURN_FRACTION = 0.5
 SLOW_DEVIATIONS = 2.0
 # Samples over which the noise is averaged: 6 % accuracy; and readings that the configured noise
 # counts for at the start.
-NOISE_SAMPLES, LEARNT_SAMPLES = 256.0, 64.0
+NOISE_SAMPLES = 256.0
+LEARNT_SAMPLES = 64.0
 OUTLIER = 16.0  # largest square of a difference, over the mean square, that the noise counts
 # Ratio of noise to resolution above which equal readings are rare at every angle: two in a row
 # have a probability of 0.26 at most, 20 of 2e-12. And changes of the reading up and down after
 # which that is known to be noise: a motion has few.
-NOISY, REVERSALS = 1.5, 500
-ROOT_TWO, ROOT_TWELVE, TURN = sqrt(2.0), sqrt(12.0), 2.0 * pi
+NOISY = 1.5
+REVERSALS = 500
+ROOT_TWO = sqrt(2.0)
+ROOT_TWELVE = sqrt(12.0)
+TURN = 2.0 * pi
 COARSEST = TURN / 4096.0  # rad, resolution before a finer one is seen: of 12 bits
 
 
@@ -73,7 +78,8 @@ def lag(periods: float) -> float:
 
 def outside(moved: float, predicted: float) -> float:
     """Return how far a joint is from everywhere between its last angle and the predicted one."""
-    low, high = min(predicted, 0.0), max(predicted, 0.0)
+    low = min(predicted, 0.0)
+    high = max(predicted, 0.0)
     return max(low - moved, moved - high, 0.0)
 
 
@@ -128,14 +134,20 @@ class JointMonitor:
     """
 
     def __init__(self, sigma: float, threshold: float, acceleration: float, speed: float) -> None:
-        self._sigma, self._threshold = sigma, threshold
-        self._acceleration, self._speed = acceleration, speed
+        self._sigma = sigma
+        self._threshold = threshold
+        self._acceleration = acceleration
+        self._speed = speed
         # Mean square of the difference between two innovations in a row, rad^2.
-        self._square, self._learnt = (DIFFERENCE * sigma) ** 2, LEARNT_SAMPLES
-        self._resolution, self._repeated = COARSEST, 0.0
+        self._square = (DIFFERENCE * sigma) ** 2
+        self._learnt = LEARNT_SAMPLES
+        self._resolution = COARSEST
+        self._repeated = 0.0
         # Changes of the reading up and down, and the latest change (rad).
-        self._reversals, self._change = 0, 0.0
-        self._last, self.run = nan, 0
+        self._reversals = 0
+        self._change = 0.0
+        self._last = nan
+        self.run = 0
         self.departures = self.returned = 0
         self.allow(sigma)
         self.reset_motion()
@@ -203,7 +215,8 @@ class JointMonitor:
             Uncertainty of the sample's time, s.
 
         """
-        last, self._last = self._last, reading
+        last = self._last
+        self._last = reading
         change = reading - last
         self._note_change(change)
         if self._left is not None and self._is_away(self._left, reading, last, dt, period):
@@ -254,7 +267,8 @@ class JointMonitor:
                 self._depart(reading, step, elapsed)
                 return
             if elapsed > FORGET_PERIODS * period:
-                self._angle, self._known = reading, 1
+                self._angle = reading
+                self._known = 1
                 return
         self._angle += self.velocity * elapsed + ALPHA * innovation
         self.velocity += BETA * innovation / max(elapsed, period)
@@ -277,12 +291,15 @@ class JointMonitor:
         if elapsed <= HOLD:
             self.since = elapsed
         else:
-            self._angle, self.velocity, self.since = reading, 0.0, 0.0
+            self._angle = reading
+            self.velocity = 0.0
+            self.since = 0.0
 
     def _follow_noise(self, innovation: float) -> None:
         """Average the square of the difference between two innovations of a slow joint."""
         difference = innovation - self._last_innovation
-        square, mean = difference * difference, self._square
+        square = difference * difference
+        mean = self._square
         if square > OUTLIER * mean:
             # One step is not noise.
             square = OUTLIER * mean
@@ -315,14 +332,16 @@ class JointMonitor:
         if self._left is None:
             self._leave(reading, step, elapsed)
         else:
-            self._known, self.step = 0, Step.CERTAIN
+            self._known = 0
+            self.step = Step.CERTAIN
 
     def _begin(self, reading: float, dt: float) -> None:
         """Let the first two readings set position and velocity."""
         if self._known:
             change = remainder(reading - self._angle, TURN)
             if self._left is None:
-                self.away, self.step = 0, Step.NONE
+                self.away = 0
+                self.step = Step.NONE
                 if abs(change) > self._speed * dt + self._noise_limit:
                     self.velocity = 0.0
                     self.distance = abs(change)
@@ -365,8 +384,12 @@ class JointMonitor:
             and abs(innovation) <= RETURN_FRACTION * self.limit(elapsed, period)
             and change > RETURN_FRACTION * self.limit(period, period) + abs(velocity) * dt
         ):
-            self._angle, self.velocity, self._known = reading, velocity, 2
-            self._left, self.away, self.step = None, 0, Step.NONE
+            self._angle = reading
+            self.velocity = velocity
+            self._known = 2
+            self._left = None
+            self.away = 0
+            self.step = Step.NONE
             self.returned = self.departures
             return True
         self.away += 1

@@ -22,7 +22,8 @@ QUIET_SAMPLES = 10
 JITTER_DEVIATIONS = 4.0  # mean deviations of the jitter that a stamp may be off by
 # Ratios of measured to configured noise that count, and that are a caution: more than an average
 # over 256 samples reaches by chance, with 12 bits; jitter of sampling may add a quarter.
-NOISE_FACTOR, NOISE_CAUTION = 1.25, 1.5
+NOISE_FACTOR = 1.25
+NOISE_CAUTION = 1.5
 
 
 class JointMonitors:

@@ -23,7 +23,8 @@ WINDOW_SAMPLES = 10  # fewest samples of the window, where they come slowly
 FIRST_TOGETHER = 5  # fewest samples that are tested together
 SUMMED_SAMPLES = 1000  # after which sums are computed anew: rounding must not add up over days
 # Samples over which the variance is averaged, and those that the expected one counts for at first.
-VARIANCE_SAMPLES, LEARNT_SAMPLES = 256.0, 64.0
+VARIANCE_SAMPLES = 256.0
+LEARNT_SAMPLES = 64.0
 OUTLIER = 16.0  # largest square of a deviation, over the mean square, that the variance counts
 
 
@@ -133,25 +134,37 @@ class ParityWindow:
             )
         parities = self._parities
         parities.append((stamp, x, y, z, bias))
-        sum_x, sum_y, sum_z = self._x + x, self._y + y, self._z + z
+        sum_x = self._x + x
+        sum_y = self._y + y
+        sum_z = self._z + z
         sum_bias = self._bias + bias
         first = stamp - self._window
         while len(parities) > WINDOW_SAMPLES and parities[0][0] < first:
             _, old_x, old_y, old_z, old_bias = parities.popleft()
-            sum_x, sum_y, sum_z = sum_x - old_x, sum_y - old_y, sum_z - old_z
+            sum_x = sum_x - old_x
+            sum_y = sum_y - old_y
+            sum_z = sum_z - old_z
             sum_bias -= old_bias
-        self._x, self._y, self._z, self._bias = sum_x, sum_y, sum_z, sum_bias
+        self._x = sum_x
+        self._y = sum_y
+        self._z = sum_z
+        self._bias = sum_bias
         self._since_summed += 1
         if self._since_summed >= SUMMED_SAMPLES:
             self._since_summed = 0
             _, xs, ys, zs, biases = zip(*parities, strict=True)
-            self._x, self._y, self._z, self._bias = sum(xs), sum(ys), sum(zs), sum(biases)
+            self._x = sum(xs)
+            self._y = sum(ys)
+            self._z = sum(zs)
+            self._bias = sum(biases)
         count = len(parities)
         self.root = sqrt(count if count > WINDOW_SAMPLES else WINDOW_SAMPLES)
         if count < FIRST_TOGETHER:
             return None
         part = 1.0 / count
-        sum_x, sum_y, sum_z = part * sum_x, part * sum_y, part * sum_z
+        sum_x = part * sum_x
+        sum_y = part * sum_y
+        sum_z = part * sum_z
         self._follow_variance(x - sum_x, y - sum_y, z - sum_z)
         square = sum_x * sum_x + sum_y * sum_y + sum_z * sum_z
         limit = self._threshold * noise / sqrt(count) + bias

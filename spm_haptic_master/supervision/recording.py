@@ -129,7 +129,8 @@ def run(
     than `withheld` samples that are not published; the rest is not published. SettingError where
     settings contradict each other.
     """
-    supervisor, mounting = make_supervisor(values), mounting_from(values)
+    supervisor = make_supervisor(values)
+    mounting = mounting_from(values)
     n, sensors = readings.shape
     result = Supervised(
         np.zeros(n, bool),
@@ -166,7 +167,8 @@ def run(
 
 def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArray[np.float64]]:
     try:
-        times, readings = np.asarray(stamps), np.asarray(angles)
+        times = np.asarray(stamps)
+        readings = np.asarray(angles)
     except (TypeError, ValueError) as error:
         raise InputError(f'stamps and angles: expected arrays of numbers ({error})') from error
     if times.dtype.kind not in 'iu' or times.ndim != 1:

@@ -40,7 +40,8 @@ from spm_haptic_master.supervision.trial import Place
 
 # Periods after which a sample does not follow shortly: one lost sample is no gap; and the longest
 # time (ns), at any rate.
-FRESH_PERIODS, FRESH_TIME = 2.5, 60_000_000
+FRESH_PERIODS = 2.5
+FRESH_TIME = 60_000_000
 # Largest turn between two samples that keeps the truth of every hypothesis beside the orientation
 # (rad): other solutions of the others are further away, but near a fold.
 SAME_TURN = 0.1
@@ -165,7 +166,9 @@ class Rivals:
     """
 
     def __init__(self, sensors: SensorsInUse, count: int, speed: float) -> None:
-        self._sensors, self._count, self._speed = sensors, count, speed
+        self._sensors = sensors
+        self._count = count
+        self._speed = speed
         self._folds = Folds(count)
         # Alert limit of the latest sample, rad.
         self._limit = 0.0
@@ -284,7 +287,8 @@ class Rivals:
         """
         if any(rival.sensor == sensor for rival in self._rivals):
             return None
-        began, last = self._hidden.get(sensor), self.last
+        began = self._hidden.get(sensor)
+        last = self.last
         if began is None or last is None or self._is_beside(last, began, sensor):
             return last
         return began
@@ -388,7 +392,8 @@ class Rivals:
         for rival in self._rivals:
             if rival.found and rival.place is not None:
                 rival.place = Place(self._followed, rival.place.quaternion)
-                rival.found, rival.at = False, None
+                rival.found = False
+                rival.at = None
 
     # Finding them -------------------------------------------------------------------------------
 
@@ -503,7 +508,8 @@ class Rivals:
         self._place(rival, sample, here, solution)
         if self._is_over(rival, here, parts):
             return
-        rival.found, rival.misses = True, 0
+        rival.found = True
+        rival.misses = 0
         rival.born = rival.born or here.stamp
         same = self._same(rival, solution)
         if same is None:
@@ -531,10 +537,13 @@ class Rivals:
         stuck sensor has a constant reading instead. As the platform turns, the implied fault of a
         wrong rival changes, and a reading that is not stuck does.
         """
-        sensor, solver = rival.sensor, self._sensors.used.solver
-        rival.place, rival.at = Place(sample.stamp, solution.quaternion), here.quaternion
+        sensor = rival.sensor
+        solver = self._sensors.used.solver
+        rival.place = Place(sample.stamp, solution.quaternion)
+        rival.at = here.quaternion
         rival.healthy = integrity(solution, sample.bias, sample.factors).healthy
-        reading, noise = sample.angles[sensor], max(sample.factors)
+        reading = sample.angles[sensor]
+        noise = max(sample.factors)
         try:
             fault = solver.fault(solution, sensor, sample)
         except SpmError:

@@ -14,14 +14,17 @@ from dataclasses import dataclass
 
 RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
 # Time of samples with older stamps, s, and their least number: the clock was set back.
-OLDER_TIME, OLDER_SAMPLES = 0.1, 3
+OLDER_TIME = 0.1
+OLDER_SAMPLES = 3
 # Samples over which period and jitter are averaged; until so many came, the least period (s): the
 # first stamps may be those of a burst.
-PERIOD_SAMPLES, LEAST_PERIOD = 50, 0.001
+PERIOD_SAMPLES = 50
+LEAST_PERIOD = 0.001
 LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
 # Shares of the period that a shorter distance of two stamps is no jitter, and is one of a burst:
 # stamps of samples that waited for each other.
-JITTER_SHARE, BURST_SHARE = 1.5, 0.5
+JITTER_SHARE = 1.5
+BURST_SHARE = 0.5
 
 
 @dataclass(slots=True)

@@ -281,7 +281,8 @@ class SensorSet:
         self.entries = self.sensors.count - 3
         self.estimate: SampleEstimate | None = None
         self.worth: Integrity | None = None
-        self.solver, self._speed = solver, limits.joint_speed
+        self.solver = solver
+        self._speed = limits.joint_speed
         self.threshold = limits.threshold(max(self.entries, 1))
         self._reach = self.threshold + MISSED_DETECTION
         self._window = ParityWindow(self.threshold, max(self.entries, 1), limits.window)
@@ -317,7 +318,8 @@ class SensorSet:
         except SpmError as error:
             return Symptom(Reason.NO_FIT, str(error))
         worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
-        self.estimate, self.worth = estimate, worth
+        self.estimate = estimate
+        self.worth = worth
         symptom = None
         if self.entries:
             symptom = self._window.check(
@@ -333,7 +335,8 @@ class SensorSet:
         other solution is about sigma / (FOLD x deviation) away, rad. It is not computed where
         human motion since the last orientation and `TURN_DEVIATIONS` do not reach so far.
         """
-        prior, turn = sample.prior, pi
+        prior = sample.prior
+        turn = pi
         if prior is not None and sample.followed is not None:
             turn = self._speed * sample.since(sample.followed)
             deviation = worth.deviation
@@ -433,7 +436,9 @@ class SensorSet:
         The noise counts by `MISSED_DETECTION` standard deviations, turned into an error of the
         orientation by the sensor's gain. The part is that of nominal noise.
         """
-        estimate, sigma, factors = self.estimate, self.sensors.sigma, sample.factors
+        estimate = self.estimate
+        sigma = self.sensors.sigma
+        factors = sample.factors
         if estimate is None or max(factors) <= 1.0:
             return None
         nominal = integrity(estimate, sample.bias, (1.0,) * len(sigma), sample.parity_bias)

@@ -78,7 +78,8 @@ class SensorsInUse:
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
-        self._make, self._limits = partial(SensorSet, solver, sigma, limits), limits
+        self._make = partial(SensorSet, solver, sigma, limits)
+        self._limits = limits
         self._sets: dict[LeftOut, SensorSet] = {}
         # Consecutive samples without a reading, by place.
         self._gone = [0] * len(sigma)
@@ -170,7 +171,8 @@ class SensorsInUse:
             trial = self._trials.get(key)
             if trial is None:
                 (sensor,) = set(key) - set(self.distrusted)
-                place, since = place_without(sensor), None
+                place = place_without(sensor)
+                since = None
                 is_less = set(self.distrusted) <= set(key)
                 if is_less and place is not None and sample.stamp - place.stamp <= fresh:
                     since = place.stamp

@@ -65,9 +65,11 @@ class Trial:
     """
 
     def __init__(self, sensor_set: SensorSet, place: Place | None, since: int | None) -> None:
-        self.set, self.place = sensor_set, place
+        self.set = sensor_set
+        self.place = place
         # Stamp (ns) since when it has agreed in every sample, and their number.
-        self._since, self._samples = since, 0
+        self._since = since
+        self._samples = 0
         self.has_failed = False
         self.can_agree = sensor_set.entries > 0 or since is not None or place is None
         sensor_set.restart()
@@ -88,7 +90,8 @@ class Trial:
         )
         agrees = self.set.take(own) is None and self._continues(own, speed)
         if not agrees:
-            self._since, self._samples = None, 0
+            self._since = None
+            self._samples = 0
             self.has_failed = True
             return False
         if self._since is None:
@@ -100,7 +103,9 @@ class Trial:
 
     def _continues(self, sample: Sample, speed: float) -> bool:
         """Whether a sample continues the trial: determined, and in reach of `place`."""
-        estimate, worth, place = self.set.estimate, self.set.worth, self.place
+        estimate = self.set.estimate
+        worth = self.set.worth
+        place = self.place
         if estimate is None or worth is None or not estimate.determined:
             return False
         if not self.set.entries and self._since is None:
