@@ -252,7 +252,12 @@ class ForceController:
 
     # State --------------------------------------------------------------------------------------
 
-    def _change_state(self, sample: ForceSample, obstacle: Reason | None, dt: float) -> None:
+    def _change_state(
+        self,
+        sample: ForceSample,
+        obstacle: Reason | None,
+        dt: float,
+    ) -> None:
         """Change the state where a sample asks for it."""
         condition = self._state.condition
         if condition is Condition.OFF:

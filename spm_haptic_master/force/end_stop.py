@@ -72,7 +72,10 @@ class EndStop:
         return torque
 
     def _torque_of_leg(
-        self, pose: LegPose, ends: LegEnds, velocity: Vector[float]
+        self,
+        pose: LegPose,
+        ends: LegEnds,
+        velocity: Vector[float],
     ) -> Vector[float]:
         """Return the torque of the two ends of a leg, N m."""
         angle = acos(pose.u)

@@ -70,7 +70,12 @@ class EnergyBudget:
         self.share = 1.0  # g (unit 1)
         self._useless = 0.0  # how long the wrench has been without use, s
 
-    def count(self, given: float, asked: Vector[float], dt: float) -> None:
+    def count(
+        self,
+        given: float,
+        asked: Vector[float],
+        dt: float,
+    ) -> None:
         """
         Count a period.
 

@@ -59,7 +59,11 @@ class LinkWeight:
     __slots__ = ('_across', '_along', '_constant', '_number', '_torque')
 
     def __init__(
-        self, number: int, leg: LegConstants, offset: tuple[float, float], down: Vector[float]
+        self,
+        number: int,
+        leg: LegConstants,
+        offset: tuple[float, float],
+        down: Vector[float],
     ) -> None:
         along, across = offset
         self._number = number  # of the leg

@@ -101,7 +101,11 @@ class HandleTorque:
             self._wrench_ramp = min(1.0, self._wrench_ramp + step)
 
     def _of_wrench(
-        self, wrench: Wrench, stamp: int, share: float, rotation: Rotation[float]
+        self,
+        wrench: Wrench,
+        stamp: int,
+        share: float,
+        rotation: Rotation[float],
     ) -> Vector[float]:
         """Return the part of a wrench that is rendered, N m in the base frame."""
         length = hypot(*wrench.torque)
@@ -122,7 +126,11 @@ class HandleTorque:
         return limits.torque * min(1.0, (end - age) / (end - limits.wrench_age / 3.0))
 
     def _with_lock(
-        self, torque: Vector[float], sample: ForceSample, share: float, dt: float
+        self,
+        torque: Vector[float],
+        sample: ForceSample,
+        share: float,
+        dt: float,
     ) -> Vector[float]:
         """Return a torque with that of the lock, together within the limit."""
         if sample.lock is None or sample.quaternion is None:

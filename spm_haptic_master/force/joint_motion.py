@@ -37,7 +37,13 @@ class JointMotion:
         self._kept.clear()
         self._last = None
 
-    def work(self, stamp: int, angles: Torques, torques: Torques, dt: float) -> float | None:
+    def work(
+        self,
+        stamp: int,
+        angles: Torques,
+        torques: Torques,
+        dt: float,
+    ) -> float | None:
         """
         Take a sample; return the work of motor torques since the sample before, J.
 

@@ -44,7 +44,10 @@ class Lock:
         self._centre = None
 
     def torque(
-        self, target: Quaternion[float], quaternion: Quaternion[float], dt: float
+        self,
+        target: Quaternion[float],
+        quaternion: Quaternion[float],
+        dt: float,
     ) -> Vector[float]:
         """
         Return the torque towards the centre, and move it towards its target.
@@ -68,7 +71,11 @@ class Lock:
         return scaled(self._stiffness, vector_from_quaternion(*turn))
 
 
-def _turned(start: Quaternion[float], target: Quaternion[float], step: float) -> Quaternion[float]:
+def _turned(
+    start: Quaternion[float],
+    target: Quaternion[float],
+    step: float,
+) -> Quaternion[float]:
     """Return the orientation on the way from start to target, a step (rad) away, or the target."""
     distance = rotation_distance(target, start)
     if distance <= step:

@@ -36,7 +36,12 @@ class Obstacles:
         self._count = 0
 
     def first(
-        self, sample: ForceSample, *, is_placed: bool, angle_missing: bool, energy_generated: bool
+        self,
+        sample: ForceSample,
+        *,
+        is_placed: bool,
+        angle_missing: bool,
+        energy_generated: bool,
     ) -> Reason | None:
         """
         Return the first obstacle: those that end all torque precede the others.

@@ -28,7 +28,10 @@ from spm_haptic_master.kinematics.number_backends import Array
 
 
 def make_statics(
-    geometry: Geometry, working_mode: Sequence[int], motors: int, limits: ForceLimits
+    geometry: Geometry,
+    working_mode: Sequence[int],
+    motors: int,
+    limits: ForceLimits,
 ) -> ThreeMotors | FourMotors:
     """Return the statics of some motors, pose by pose; InputError for a wrong argument."""
     check_geometry(geometry)

@@ -202,7 +202,11 @@ class MotorRates:
     __slots__ = ('fourth_row', 'leg_poses', 'legs', 'limits', 'motors', 'rotation')
 
     def __init__(
-        self, geometry: Geometry, working_mode: WorkingMode, motors: int, limits: ForceLimits
+        self,
+        geometry: Geometry,
+        working_mode: WorkingMode,
+        motors: int,
+        limits: ForceLimits,
     ) -> None:
         self.limits = limits
         self.motors = motors

@@ -75,7 +75,11 @@ class Support:
         return 0.0 if self._weight is None else self._weight_share
 
     def move(
-        self, is_wanted: bool, is_weight_wanted: bool, velocity: Vector[float] | None, dt: float
+        self,
+        is_wanted: bool,
+        is_weight_wanted: bool,
+        velocity: Vector[float] | None,
+        dt: float,
     ) -> None:
         """
         Let both come or go by a step of the ramp, in the pose of the rates.

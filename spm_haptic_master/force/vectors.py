@@ -33,7 +33,11 @@ def shortened(u: Vector[float], limit: float) -> Vector[float]:
     return scaled(limit / length, u) if length > limit else u
 
 
-def moved(start: Vector[float], goal: Vector[float], step: float) -> Vector[float]:
+def moved(
+    start: Vector[float],
+    goal: Vector[float],
+    step: float,
+) -> Vector[float]:
     """Return the vector on the way from start to goal that is a step away, or the goal."""
     way = subtracted(goal, start)
     length = hypot(*way)

@@ -52,7 +52,12 @@ def third_axes(rotation: Rotation[N], g: Geometry) -> list[Vector[N]]:
     return [times(rotation, axis) for axis in g.platform_axes]
 
 
-def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
+def leg_angles(
+    rotation: Rotation[N],
+    leg: Leg,
+    sign: int,
+    m: Backend[N],
+) -> Vector[N]:
     """
     Return th1k, th2k, th3k of one leg, rad, in [-pi, pi]: the inverse model in closed form.
 
@@ -92,7 +97,11 @@ def squared_sine(rotation: Rotation[N], leg: Leg) -> N:
     return x * x + y * y - q * q
 
 
-def turn_equation(d: Vector[N], v: Vector[N], cos_beta: float) -> Vector[N]:
+def turn_equation(
+    d: Vector[N],
+    v: Vector[N],
+    cos_beta: float,
+) -> Vector[N]:
     """
     Return L, M, N of  L cos t + M sin t + N = 0,  that is of  d . Rz(t) v = cos beta.
 
@@ -186,18 +195,33 @@ def second_in_second_joint(
     return about_x(cos_alpha, -sin_alpha, about_z(cosine_1a, -sine_1a, second))
 
 
-def into_second_link(cosine: N, sine: N, axis: Vector[N]) -> Vector[N]:
+def into_second_link(
+    cosine: N,
+    sine: N,
+    axis: Vector[N],
+) -> Vector[N]:
     """Return a vector's components after leg A's second joint: Rz(-th2A) axis."""
     return about_z(cosine, -sine, axis)
 
 
-def into_third_joint(cosine: N, sine: N, axis: Vector[N], g: Geometry) -> Vector[N]:
+def into_third_joint(
+    cosine: N,
+    sine: N,
+    axis: Vector[N],
+    g: Geometry,
+) -> Vector[N]:
     """Return a vector's components after leg A's distal link: Rx(-beta) Rz(-th2A) axis."""
     leg = g.legs[0]
     return about_x(leg.cos_beta, -leg.sin_beta, into_second_link(cosine, sine, axis))
 
 
-def chain_quaternion(th1a: N, th2a: N, th3a: N, g: Geometry, m: Backend[N]) -> Quaternion[N]:
+def chain_quaternion(
+    th1a: N,
+    th2a: N,
+    th3a: N,
+    g: Geometry,
+    m: Backend[N],
+) -> Quaternion[N]:
     """Return the quaternion of leg A's chain (eq. 6) from its three joint angles, rad."""
     return half_chain_quaternion(th1a, m.cos(0.5 * th2a), m.sin(0.5 * th2a), th3a, g, m)
 
@@ -254,7 +278,14 @@ def half_chain_quaternion(
     )
 
 
-def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> Linkage[N]:
+def linkage(
+    th1a: N,
+    th1b: N,
+    th1c: N,
+    th3a: N,
+    g: Geometry,
+    m: Backend[N],
+) -> Linkage[N]:
     """
     Return the legs B and C in the frame of leg A's second joint, without its turn by th2A.
 

@@ -61,7 +61,12 @@ def multiply_quaternions(p: Quaternion[N], q: Quaternion[N]) -> Quaternion[N]:
     )
 
 
-def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
+def rotation_from_quaternion(
+    x: N,
+    y: N,
+    z: N,
+    w: N,
+) -> Rotation[N]:
     """Rotation matrix, nine numbers row by row, of a unit quaternion."""
     x2 = x + x
     y2 = y + y
@@ -88,7 +93,12 @@ def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
     )
 
 
-def _zxz_rotation(psi: N, theta: N, phi: N, m: Backend[N]) -> Rotation[N]:
+def _zxz_rotation(
+    psi: N,
+    theta: N,
+    phi: N,
+    m: Backend[N],
+) -> Rotation[N]:
     """Rotation matrix Rz(psi) Rx(theta) Rz(phi), eq. 7; angles in rad."""
     c1 = m.cos(psi)
     s1 = m.sin(psi)
@@ -109,7 +119,13 @@ def _zxz_rotation(psi: N, theta: N, phi: N, m: Backend[N]) -> Rotation[N]:
     )
 
 
-def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
+def _zxz_angles(
+    x: N,
+    y: N,
+    z: N,
+    w: N,
+    m: Backend[N],
+) -> Vector[N]:
     """
     Angles psi, theta, phi, rad, of a quaternion (eq. 7).
 
@@ -176,7 +192,12 @@ def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
     )
 
 
-def zxz_angles(x: float, y: float, z: float, w: float) -> Vector[float]:
+def zxz_angles(
+    x: float,
+    y: float,
+    z: float,
+    w: float,
+) -> Vector[float]:
     """
     Angles psi, theta, phi (ZXZ, eq. 7) of a unit quaternion, in plain floats.
 
@@ -202,7 +223,12 @@ def quaternion_from_vector(x: float, y: float, z: float) -> Quaternion[float]:
     return scale * x, scale * y, scale * z, math.cos(half)
 
 
-def vector_from_quaternion(x: float, y: float, z: float, w: float) -> Vector[float]:
+def vector_from_quaternion(
+    x: float,
+    y: float,
+    z: float,
+    w: float,
+) -> Vector[float]:
     """Return the rotation vector, rad, of norm [0, pi], of a unit quaternion, in plain floats."""
     sine = math.sqrt(x * x + y * y + z * z)
     if sine <= LEAST_HALF_ANGLE:

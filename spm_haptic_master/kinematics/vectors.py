@@ -51,13 +51,21 @@ def transposed_times(matrix: Rotation[N], vector: Vector[N]) -> Vector[N]:
     )
 
 
-def about_x(cosine: N, sine: N, vector: Vector[N]) -> Vector[N]:
+def about_x(
+    cosine: N,
+    sine: N,
+    vector: Vector[N],
+) -> Vector[N]:
     """Return Rx(angle) times a vector, from cosine and sine of the angle."""
     x, y, z = vector
     return x, cosine * y - sine * z, sine * y + cosine * z
 
 
-def about_z(cosine: N, sine: N, vector: Vector[N]) -> Vector[N]:
+def about_z(
+    cosine: N,
+    sine: N,
+    vector: Vector[N],
+) -> Vector[N]:
     """Return Rz(angle) times a vector, from cosine and sine of the angle."""
     x, y, z = vector
     return cosine * x - sine * y, sine * x + cosine * y, z

@@ -59,7 +59,11 @@ class Anchor:
         return self._quaternion if recent else None
 
     def check(
-        self, stamp: int, period: float, quaternion: Quaternion[float], deviation: float
+        self,
+        stamp: int,
+        period: float,
+        quaternion: Quaternion[float],
+        deviation: float,
     ) -> Symptom | None:
         """
         Compare an orientation with the last one.
@@ -96,7 +100,10 @@ class Anchor:
         )
 
     def follow(
-        self, stamp: int, quaternion: Quaternion[float], deviation: float
+        self,
+        stamp: int,
+        quaternion: Quaternion[float],
+        deviation: float,
     ) -> Quaternion[float]:
         """
         Let the next orientation continue this one; return it, continuous in sign.
@@ -127,7 +134,11 @@ class Anchor:
         return quaternion
 
 
-def within(one: Quaternion[float], other: Quaternion[float], angle: float) -> bool:
+def within(
+    one: Quaternion[float],
+    other: Quaternion[float],
+    angle: float,
+) -> bool:
     """
     Whether two orientations are at most an angle (rad) apart.
 

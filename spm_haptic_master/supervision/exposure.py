@@ -54,7 +54,12 @@ class Sight:
         # Stamp (ns) and number of the first consistent sample since which each is so.
         self._visible: list[tuple[int, int] | None] = [None] * self._sensors
 
-    def take(self, stamp: int, parts: list[float], limit: float) -> tuple[int, ...]:
+    def take(
+        self,
+        stamp: int,
+        parts: list[float],
+        limit: float,
+    ) -> tuple[int, ...]:
         """Note the parts of a consistent sample, rad; return the sensors beyond the limit."""
         visible = self._visible
         self._samples += 1
@@ -126,7 +131,13 @@ class Exposure:
         self._checks.interrupt()
         self._sights.interrupt()
 
-    def take(self, stamp: int, parts: list[float], limit: float, level: float) -> float:
+    def take(
+        self,
+        stamp: int,
+        parts: list[float],
+        limit: float,
+        level: float,
+    ) -> float:
         """
         Note which sensors a consistent sample checks; return its protection level.
 
@@ -158,7 +169,12 @@ class Exposure:
                 level = part
         return level
 
-    def take_after_fault(self, stamp: int, parts: list[float], limit: float) -> None:
+    def take_after_fault(
+        self,
+        stamp: int,
+        parts: list[float],
+        limit: float,
+    ) -> None:
         """
         Note the parts (rad) of a consistent sample, without the rivals from before the fault.
 
@@ -175,7 +191,12 @@ class Exposure:
         """Return the seconds since each sensor was last checked, at a stamp, ns; inf before."""
         return tuple(inf if last is None else (stamp - last) * 1e-9 for last in self._checks.last)
 
-    def overdue(self, stamp: int, limits: Limits, left_out: Collection[int]) -> Symptom | None:
+    def overdue(
+        self,
+        stamp: int,
+        limits: Limits,
+        left_out: Collection[int],
+    ) -> Symptom | None:
         """
         Return the sensor that has to be checked before an orientation may be published.
 
@@ -183,20 +204,25 @@ class Exposure:
         `unchecked_limit` every so often. The time counts from the first consistent sample of all,
         so that a pause does not restart it.
         """
-        if not limits.start_checked and not limits.unchecked_limit:
-            return None
         began = self._began
         if self._first is None or began is None:
             return None
         running = (stamp - self._first) * 1e-9
+        if not limits.start_checked and running <= (limits.unchecked_limit or inf):
+            return None
         for sensor, time in enumerate(self.times(stamp)):
-            symptom = self._overdue_sensor(sensor, min(time, running), began, limits)
+            unchecked = min(time, running)
+            symptom = self._overdue_sensor(sensor, unchecked, began, limits)
             if symptom is not None and sensor not in left_out:
                 return symptom
         return None
 
     def _overdue_sensor(
-        self, sensor: int, unchecked: float, began: int, limits: Limits
+        self,
+        sensor: int,
+        unchecked: float,
+        began: int,
+        limits: Limits,
     ) -> Symptom | None:
         """
         Return why a sensor has to be checked first, which has been unchecked for a time, s.

@@ -197,7 +197,12 @@ class FaultLatch:
         """Return the fault in the words of `state`; empty without one."""
         return '' if self.fault is None else self.fault.words
 
-    def latch(self, stamp: int, symptom: Symptom, jumped: Collection[int] = ()) -> None:
+    def latch(
+        self,
+        stamp: int,
+        symptom: Symptom,
+        jumped: Collection[int] = (),
+    ) -> None:
         """Latch a fault at a stamp, ns; `jumped` are the sensors that left their motion."""
         self.fault = Fault(
             symptom,
@@ -353,7 +358,10 @@ class FaultLatch:
             self._unexplained = stamp
 
     def _latch_isolated(
-        self, sample: Sample, symptoms: list[Symptom], cause: Symptom
+        self,
+        sample: Sample,
+        symptoms: list[Symptom],
+        cause: Symptom,
     ) -> int | None:
         """Latch a fault of the sensor that the evidence isolates; return that, or None."""
         sensor = self._isolated(sample, symptoms)

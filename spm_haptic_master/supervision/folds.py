@@ -108,7 +108,13 @@ class Folds:
             self._bend(parts, used, worth, change)
         return parts
 
-    def _bend(self, parts: list[float], used: SensorSet, worth: Integrity, change: float) -> float:
+    def _bend(
+        self,
+        parts: list[float],
+        used: SensorSet,
+        worth: Integrity,
+        change: float,
+    ) -> float:
         """
         Take the parts to second order; return the turn for which the curvatures hold, rad.
 

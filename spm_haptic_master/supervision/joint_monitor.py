@@ -133,7 +133,13 @@ class JointMonitor:
 
     """
 
-    def __init__(self, sigma: float, threshold: float, acceleration: float, speed: float) -> None:
+    def __init__(
+        self,
+        sigma: float,
+        threshold: float,
+        acceleration: float,
+        speed: float,
+    ) -> None:
         self._sigma = sigma
         self._threshold = threshold
         self._acceleration = acceleration
@@ -199,7 +205,13 @@ class JointMonitor:
             periods
         ) * self._allowed + self._acceleration * period * period * lag(periods)
 
-    def follow(self, reading: float, dt: float, period: float, timing: float) -> None:
+    def follow(
+        self,
+        reading: float,
+        dt: float,
+        period: float,
+        timing: float,
+    ) -> None:
         """
         Follow the motion with a reading; note what contradicts it.
 

@@ -73,7 +73,12 @@ class JointMonitors:
         self._vibrates = False
 
     def check(
-        self, angles: Angles, dt: float, period: float, jitter: float, left_out: Collection[int]
+        self,
+        angles: Angles,
+        dt: float,
+        period: float,
+        jitter: float,
+        left_out: Collection[int],
     ) -> tuple[bool, list[Symptom]]:
         """
         Follow each joint's motion; return whether one is away from it, and what those in use show.
@@ -152,7 +157,12 @@ class JointMonitors:
         quiet = all(self.samples - self._disturbed[sensor] >= samples for sensor in others)
         return left if others and quiet and not (self._vibrates and samples > 1) else []
 
-    def jumps(self, used: Collection[int], hidden: Collection[int], is_gap: bool) -> list[Symptom]:
+    def jumps(
+        self,
+        used: Collection[int],
+        hidden: Collection[int],
+        is_gap: bool,
+    ) -> list[Symptom]:
         """
         Return the sensors that left their motion alone, each by a step, where no parity shows it.
 

@@ -99,7 +99,13 @@ class StateMachine:
         self.since: int | None = None
         self.published: int | None = None
 
-    def enter(self, now: int, fault: str, cause: Symptom | None, reservations: str) -> None:
+    def enter(
+        self,
+        now: int,
+        fault: str,
+        cause: Symptom | None,
+        reservations: str,
+    ) -> None:
         """
         Assign the state: withheld for a fault (its words) or a cause, or published.
 

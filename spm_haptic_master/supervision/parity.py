@@ -77,7 +77,12 @@ class ParityWindow:
         """Return the mean of the biases that the samples of the window were allowed; or 0."""
         return self._bias / (len(self._parities) or 1)
 
-    def limit(self, noise: float, bias: float, samples: float = 1.0) -> float:
+    def limit(
+        self,
+        noise: float,
+        bias: float,
+        samples: float = 1.0,
+    ) -> float:
         """
         Return the limit of the norm of a mean of samples.
 
@@ -99,7 +104,11 @@ class ParityWindow:
         return self._threshold * noise / sqrt(samples) + bias
 
     def check(
-        self, stamp: int, parity: tuple[float, ...], noise: float, bias: float
+        self,
+        stamp: int,
+        parity: tuple[float, ...],
+        noise: float,
+        bias: float,
     ) -> Symptom | None:
         """
         Test a sample by itself, then with those of the window.
@@ -129,55 +138,63 @@ class ParityWindow:
         square = x * x + y * y + z * z
         limit = self._threshold * noise + bias
         if not square <= limit * limit:
-            return Symptom(
-                Reason.INCONSISTENT, f'parity {sqrt(square):.1f} sigma, limit {limit:.1f}'
-            )
-        parities = self._parities
-        parities.append((stamp, x, y, z, bias))
-        sum_x = self._x + x
-        sum_y = self._y + y
-        sum_z = self._z + z
-        sum_bias = self._bias + bias
-        first = stamp - self._window
-        while len(parities) > WINDOW_SAMPLES and parities[0][0] < first:
-            _, old_x, old_y, old_z, old_bias = parities.popleft()
-            sum_x = sum_x - old_x
-            sum_y = sum_y - old_y
-            sum_z = sum_z - old_z
-            sum_bias -= old_bias
-        self._x = sum_x
-        self._y = sum_y
-        self._z = sum_z
-        self._bias = sum_bias
-        self._since_summed += 1
-        if self._since_summed >= SUMMED_SAMPLES:
-            self._since_summed = 0
-            _, xs, ys, zs, biases = zip(*parities, strict=True)
-            self._x = sum(xs)
-            self._y = sum(ys)
-            self._z = sum(zs)
-            self._bias = sum(biases)
-        count = len(parities)
-        self.root = sqrt(count if count > WINDOW_SAMPLES else WINDOW_SAMPLES)
+            detail = f'parity {sqrt(square):.1f} sigma, limit {limit:.1f}'
+            return Symptom(Reason.INCONSISTENT, detail)
+        self._append(stamp, x, y, z, bias)
+        count = len(self._parities)
         if count < FIRST_TOGETHER:
             return None
         part = 1.0 / count
-        sum_x = part * sum_x
-        sum_y = part * sum_y
-        sum_z = part * sum_z
-        self._follow_variance(x - sum_x, y - sum_y, z - sum_z)
-        square = sum_x * sum_x + sum_y * sum_y + sum_z * sum_z
+        mean_x = part * self._x
+        mean_y = part * self._y
+        mean_z = part * self._z
+        self._follow_variance(x - mean_x, y - mean_y, z - mean_z)
+        square = mean_x * mean_x + mean_y * mean_y + mean_z * mean_z
         limit = self._threshold * noise / sqrt(count) + bias
-        if not square <= limit * limit:
-            # The nominal biases of a moving device may do less to this sample than to the others.
-            limit += max(self.mean_bias - bias, 0.0)
-        if not square <= limit * limit:
-            return Symptom(
-                Reason.DRIFTED,
-                f'mean parity of {count} samples {sqrt(square):.2f} sigma, limit {limit:.2f}',
-                severity=Severity.LATCH,
-            )
-        return None
+        if square <= limit * limit:
+            return None
+        # The nominal biases of a moving device may do less to this sample than to the others.
+        limit += max(self.mean_bias - bias, 0.0)
+        if square <= limit * limit:
+            return None
+        detail = f'mean parity of {count} samples {sqrt(square):.2f} sigma, limit {limit:.2f}'
+        return Symptom(Reason.DRIFTED, detail, severity=Severity.LATCH)
+
+    def _append(
+        self,
+        stamp: int,
+        x: float,
+        y: float,
+        z: float,
+        bias: float,
+    ) -> None:
+        """Add a sample to the window and its sums; drop those that are older than the window."""
+        parities = self._parities
+        parities.append((stamp, x, y, z, bias))
+        self._x += x
+        self._y += y
+        self._z += z
+        self._bias += bias
+        first = stamp - self._window
+        while len(parities) > WINDOW_SAMPLES and parities[0][0] < first:
+            _, old_x, old_y, old_z, old_bias = parities.popleft()
+            self._x -= old_x
+            self._y -= old_y
+            self._z -= old_z
+            self._bias -= old_bias
+        self.root = sqrt(max(len(parities), WINDOW_SAMPLES))
+        self._since_summed += 1
+        if self._since_summed >= SUMMED_SAMPLES:
+            self._sum_anew()
+
+    def _sum_anew(self) -> None:
+        """Compute the sums from the samples, without the rounding of those that came and went."""
+        self._since_summed = 0
+        _, xs, ys, zs, biases = zip(*self._parities, strict=True)
+        self._x = sum(xs)
+        self._y = sum(ys)
+        self._z = sum(zs)
+        self._bias = sum(biases)
 
     def _follow_variance(self, x: float, y: float, z: float) -> None:
         """Average the squared deviation of a sample from the mean; an outlier counts little."""
@@ -192,5 +209,7 @@ class ParityWindow:
 
 def padded(parity: tuple[float, ...]) -> Parity:
     """Return a parity vector of one to three entries as three, zeros behind."""
-    x, y, z, *_ = *parity, 0.0, 0.0
+    if len(parity) == 1:
+        return parity[0], 0.0, 0.0
+    x, y, z, *_ = *parity, 0.0
     return x, y, z

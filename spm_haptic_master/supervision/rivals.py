@@ -191,7 +191,12 @@ class Rivals:
         self._folds.restart()
 
     def look(
-        self, sample: Sample, used: SensorSet, estimate: SampleEstimate, limit: float, fresh: int
+        self,
+        sample: Sample,
+        used: SensorSet,
+        estimate: SampleEstimate,
+        limit: float,
+        fresh: int,
     ) -> list[float]:
         """
         Follow the rivals with a sample with which all sensors in use agree.
@@ -317,7 +322,12 @@ class Rivals:
 
     # Where the truth may have left the orientation ----------------------------------------------
 
-    def _note_lost(self, here: Place, parts: list[float], fresh: int) -> None:
+    def _note_lost(
+        self,
+        here: Place,
+        parts: list[float],
+        fresh: int,
+    ) -> None:
         """
         Note the hypotheses whose truth may have left the orientation since the last one.
 
@@ -345,14 +355,26 @@ class Rivals:
             else:
                 self._note_seen(sensor, here, last, turn)
 
-    def _note_followed(self, sensor: int, followed: Place, here: Place, part: float) -> None:
+    def _note_followed(
+        self,
+        sensor: int,
+        followed: Place,
+        here: Place,
+        part: float,
+    ) -> None:
         """Note where the truth of a hypothesis is, as its trial followed it: it is there, once."""
         self._left[sensor] = followed
         is_same = within(followed.quaternion, here.quaternion, min(part, self._limit))
         if not is_same or followed.stamp < here.stamp:
             self._lose(sensor, followed)
 
-    def _note_seen(self, sensor: int, here: Place, last: Place, turn: float) -> None:
+    def _note_seen(
+        self,
+        sensor: int,
+        here: Place,
+        last: Place,
+        turn: float,
+    ) -> None:
         """Note a sensor that is not hidden: its truth may have left before, or by this turn."""
         began = self._hidden.pop(sensor, None)
         if began is not None and not self._is_beside(here, began, sensor):
@@ -397,7 +419,13 @@ class Rivals:
 
     # Finding them -------------------------------------------------------------------------------
 
-    def _find_recent(self, sample: Sample, here: Place, parts: list[float], fresh: int) -> None:
+    def _find_recent(
+        self,
+        sample: Sample,
+        here: Place,
+        parts: list[float],
+        fresh: int,
+    ) -> None:
         """Find what was seen shortly before, `fresh` ns at most: the solution next to it."""
         for rival in self._waiting(here, parts):
             place = rival.place
@@ -408,7 +436,12 @@ class Rivals:
                 self._rivals.remove(rival)
                 self._add(replace(rival), sample, here, solution, parts)
 
-    def _find_in_all(self, sample: Sample, here: Place, parts: list[float]) -> None:
+    def _find_in_all(
+        self,
+        sample: Sample,
+        here: Place,
+        parts: list[float],
+    ) -> None:
         """
         Find what else is lost, of one sensor a sample, in all solutions of the others.
 
@@ -472,7 +505,12 @@ class Rivals:
             rival for rival in self._rivals if not rival.found and self._is_due(rival, here, parts)
         ]
 
-    def _is_due(self, rival: Rival, here: Place, parts: list[float]) -> bool:
+    def _is_due(
+        self,
+        rival: Rival,
+        here: Place,
+        parts: list[float],
+    ) -> bool:
         """Whether a rival that is not found is to be found with this sample."""
         if parts[rival.sensor] == inf:
             return False
@@ -488,7 +526,12 @@ class Rivals:
             return None
         return solution
 
-    def _in_reach(self, sample: Sample, place: Place | None, solution: SampleEstimate) -> bool:
+    def _in_reach(
+        self,
+        sample: Sample,
+        place: Place | None,
+        solution: SampleEstimate,
+    ) -> bool:
         """Whether a human can have turned the platform from a place to a solution."""
         if place is None:
             return True
@@ -528,7 +571,13 @@ class Rivals:
                 return other
         return None
 
-    def _place(self, rival: Rival, sample: Sample, here: Place, solution: SampleEstimate) -> None:
+    def _place(
+        self,
+        rival: Rival,
+        sample: Sample,
+        here: Place,
+        solution: SampleEstimate,
+    ) -> None:
         """
         Move a rival to a solution, and narrow the faults of its sensor that would explain it.
 
@@ -557,7 +606,12 @@ class Rivals:
         sigma = solution.sensors.sigma[sensor]
         rival.stuck = rival.stuck.narrowed(reading, threshold * noise * sigma)
 
-    def _is_over(self, rival: Rival, here: Place, parts: list[float]) -> bool:
+    def _is_over(
+        self,
+        rival: Rival,
+        here: Place,
+        parts: list[float],
+    ) -> bool:
         """
         Whether no constant fault explains a rival, or it is the orientation itself.
 
@@ -569,7 +623,12 @@ class Rivals:
             rival.place.quaternion, here.quaternion, min(parts[rival.sensor], self._limit)
         )
 
-    def _track(self, sample: Sample, here: Place, parts: list[float]) -> None:
+    def _track(
+        self,
+        sample: Sample,
+        here: Place,
+        parts: list[float],
+    ) -> None:
         """Let the rivals follow the motion; those that it contradicts are over."""
         for rival in list(self._rivals):
             if not rival.found or rival.place is None or rival.at is None:
@@ -595,7 +654,12 @@ class Rivals:
         self._widen(here, parts, stamp)
         return parts
 
-    def _widen(self, here: Place, parts: list[float], since: int = -1) -> None:
+    def _widen(
+        self,
+        here: Place,
+        parts: list[float],
+        since: int = -1,
+    ) -> None:
         """
         Widen the part of each sensor to its rivals that were found after a stamp, ns.
 

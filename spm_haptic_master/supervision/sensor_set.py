@@ -82,7 +82,10 @@ class Solver:
         )
 
     def solve(
-        self, angles: Angles, sensors: UsedSensors, prior: Quaternion[float] | None
+        self,
+        angles: Angles,
+        sensors: UsedSensors,
+        prior: Quaternion[float] | None,
     ) -> SampleEstimate:
         """
         Return the maximum-likelihood orientation of a sample.
@@ -128,7 +131,10 @@ class Solver:
         return other_solutions(found, angles, self._geometry, self._working_mode)
 
     def near(
-        self, quaternion: Quaternion[float], angles: Angles, sensors: UsedSensors
+        self,
+        quaternion: Quaternion[float],
+        angles: Angles,
+        sensors: UsedSensors,
     ) -> SampleEstimate:
         """Return the solution of a sample next to an orientation; SpmError as of `fit_near`."""
         return fit_near(quaternion, angles, sensors, self._geometry, self._working_mode)

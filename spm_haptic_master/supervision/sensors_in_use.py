@@ -77,7 +77,12 @@ class SensorsInUse:
 
     """
 
-    def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
+    def __init__(
+        self,
+        solver: Solver,
+        sigma: tuple[float, ...],
+        limits: Limits,
+    ) -> None:
         self._make = partial(SensorSet, solver, sigma, limits)
         self._limits = limits
         self._sets: dict[LeftOut, SensorSet] = {}
@@ -157,7 +162,10 @@ class SensorsInUse:
     # Trials --------------------------------------------------------------------------------------
 
     def try_others(
-        self, sample: Sample, place_without: Callable[[int], Place | None], fresh: int
+        self,
+        sample: Sample,
+        place_without: Callable[[int], Place | None],
+        fresh: int,
     ) -> None:
         """
         Take a sample with which those in use do not agree, or with which a fault is not over.
@@ -307,7 +315,11 @@ class SensorsInUse:
         return Trial(self.without(*left_out), here, None)
 
     def _is_checked(
-        self, trial: SensorSet, sensor: int, sample: Sample, alert_limit: float
+        self,
+        trial: SensorSet,
+        sensor: int,
+        sample: Sample,
+        alert_limit: float,
     ) -> bool:
         """Whether the others of a set can check a sensor, whose noise is no more than its part."""
         if trial.worth is None or trial.levels(trial.worth)[sensor] > alert_limit:

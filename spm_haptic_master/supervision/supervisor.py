@@ -100,7 +100,12 @@ class Supervisor:
 
     """
 
-    def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
+    def __init__(
+        self,
+        solver: Solver,
+        sigma: tuple[float, ...],
+        limits: Limits,
+    ) -> None:
         self._limits = limits
         self.alert_limit = limits.alert_limit
         self._clock = SampleClock()
@@ -333,7 +338,12 @@ class Supervisor:
         """Whether the others can go on without one of the sensors in use."""
         return self._sensors.used.sensors.count > self._limits.fewest_sensors
 
-    def _bad(self, sample: Sample, tick: Tick, symptoms: list[Symptom]) -> Verdict:
+    def _bad(
+        self,
+        sample: Sample,
+        tick: Tick,
+        symptoms: list[Symptom],
+    ) -> Verdict:
         """
         Withhold a sample that is not consistent, unless others take over.
 

@@ -71,7 +71,11 @@ class Symptom(NamedTuple):
         return f'{ALL_JOINT_NAMES[self.sensor]} {self.reason.value}'
 
 
-def withheld(reason: Reason, detail: str, sensor: int | None = None) -> Symptom:
+def withheld(
+    reason: Reason,
+    detail: str,
+    sensor: int | None = None,
+) -> Symptom:
     """Return a symptom that withholds a sample and suspects no sensor."""
     return Symptom(reason, detail, sensor, Severity.WITHHOLD)
 

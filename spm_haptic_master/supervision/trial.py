@@ -64,7 +64,12 @@ class Trial:
 
     """
 
-    def __init__(self, sensor_set: SensorSet, place: Place | None, since: int | None) -> None:
+    def __init__(
+        self,
+        sensor_set: SensorSet,
+        place: Place | None,
+        since: int | None,
+    ) -> None:
         self.set = sensor_set
         self.place = place
         # Stamp (ns) since when it has agreed in every sample, and their number.

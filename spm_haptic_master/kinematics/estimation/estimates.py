@@ -375,7 +375,9 @@ def estimate(
 
 
 def _checked_passive(
-    theta3a: ArrayLike, theta3b: ArrayLike | None, theta3c: ArrayLike | None
+    theta3a: ArrayLike,
+    theta3b: ArrayLike | None,
+    theta3c: ArrayLike | None,
 ) -> list[Array]:
     """Return the given ones of th3A, th3B, th3C as arrays of angles, rad."""
     if theta3b is None and theta3c is not None:
@@ -389,7 +391,10 @@ def _checked_passive(
 
 
 def _estimate_rows(
-    readings: Array, sensors: UsedSensors, g: Geometry, priors: Array | None
+    readings: Array,
+    sensors: UsedSensors,
+    g: Geometry,
+    priors: Array | None,
 ) -> Estimate:
     """Estimate rows together where Case 2 starts them, and the others one by one."""
     rotation, covariance, vector = map(
@@ -421,7 +426,10 @@ def _estimate_rows(
 
 
 def _estimate_one(
-    readings: tuple[float, ...], sensors: UsedSensors, g: Geometry, prior: Array | None
+    readings: tuple[float, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+    prior: Array | None,
 ) -> Estimate:
     """Estimate one sample; its arrays are views of one."""
     sample = estimate_sample(

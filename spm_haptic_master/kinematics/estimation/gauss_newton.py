@@ -181,7 +181,11 @@ def _is_within(step: State[float], most: float) -> bool:
     )
 
 
-def _moved(state: State[float], step: State[float], scale: float) -> State[float]:
+def _moved(
+    state: State[float],
+    step: State[float],
+    scale: float,
+) -> State[float]:
     """Return a state after a scaled step."""
     th1a, th2a, th3a, th1b, th1c = state
     d1a, d2a, d3a, d1b, d1c = step

@@ -137,7 +137,12 @@ def closed_leg(
     return closure, (residual, rate_1, rate_2, rate_3, weight)
 
 
-def _rates(moment: Vector[N], reciprocal: N, carrier_first: Vector[N], carrier: Leg) -> Vector[N]:
+def _rates(
+    moment: Vector[N],
+    reciprocal: N,
+    carrier_first: Vector[N],
+    carrier: Leg,
+) -> Vector[N]:
     """
     Return the rates of an angle along th1A, th2A, th3A (unit 1).
 
@@ -152,7 +157,11 @@ def _rates(moment: Vector[N], reciprocal: N, carrier_first: Vector[N], carrier: 
     )
 
 
-def _rate_of_third(first: Vector[N], third: Vector[N], leg: Leg) -> N:
+def _rate_of_third(
+    first: Vector[N],
+    third: Vector[N],
+    leg: Leg,
+) -> N:
     """Return the rate of th3k along th1k alone: (Z2k x Z3k) . (Z1k x Z2k) / sin^2 beta."""
     product = leg.cos_alpha * leg.cos_beta - dot(third, first)
     return product / (leg.sin_beta * leg.sin_beta)
@@ -206,7 +215,10 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
 
 
 def gauss_newton_step(
-    right: Vector[N], legs: Legs[N], entries: Symmetric[N], determinant: N
+    right: Vector[N],
+    legs: Legs[N],
+    entries: Symmetric[N],
+    determinant: N,
 ) -> tuple[State[N], Symmetric[N]]:
     """
     Return the step of the state, rad, and the covariance of th1A, th2A, th3A, rad^2.
@@ -262,7 +274,12 @@ def in_base_frame(
     return (xx, xy, xz, xy, yy, yz, xz, yz, zz), (motion_1, motion_2, motion_3)
 
 
-def _combined(u: Vector[N], v: Vector[N], w: Vector[N], factors: Vector[N]) -> Vector[N]:
+def _combined(
+    u: Vector[N],
+    v: Vector[N],
+    w: Vector[N],
+    factors: Vector[N],
+) -> Vector[N]:
     """Return the combination of three vectors by three factors."""
     p, q, r = factors
     return (
@@ -273,7 +290,10 @@ def _combined(u: Vector[N], v: Vector[N], w: Vector[N], factors: Vector[N]) -> V
 
 
 def parities(
-    rows: tuple[Row[N], ...], sensors: UsedSensors, covariance: Symmetric[N], m: Backend[N]
+    rows: tuple[Row[N], ...],
+    sensors: UsedSensors,
+    covariance: Symmetric[N],
+    m: Backend[N],
 ) -> tuple[tuple[N, ...], tuple[ParityRow[N], ...]]:
     """
     Return the parity vector, and its changes with the readings; 0 where only rounding makes them.
@@ -353,7 +373,11 @@ def _comparison(
     return tuple(line), without
 
 
-def _parity_of_four(rows: tuple[Row[N], ...], sensors: UsedSensors, m: Backend[N]) -> ParityRow[N]:
+def _parity_of_four(
+    rows: tuple[Row[N], ...],
+    sensors: UsedSensors,
+    m: Backend[N],
+) -> ParityRow[N]:
     """
     Return the change, with the readings, of the parity of the first four sensors in use.
 

@@ -193,7 +193,13 @@ def _one_reading_a_leg(known: Readings, g: Geometry) -> Iterator[State[float]]:
                 yield start_at(rotation, known, g)
 
 
-def _of_third(leg: Leg, th1: float, closure: Closure, c2: float, s2: float) -> Vector[float]:
+def _of_third(
+    leg: Leg,
+    th1: float,
+    closure: Closure,
+    c2: float,
+    s2: float,
+) -> Vector[float]:
     """Return the turn equation of th3 of a leg with th1, from cosine and sine of th2."""
     base, platform, cosine = closure
     before = into_second_link(c2, s2, before_second(leg, th1, base))
@@ -204,7 +210,13 @@ def _of_third(leg: Leg, th1: float, closure: Closure, c2: float, s2: float) -> V
     )
 
 
-def _of_first(leg: Leg, th3: float, closure: Closure, c2: float, s2: float) -> Vector[float]:
+def _of_first(
+    leg: Leg,
+    th3: float,
+    closure: Closure,
+    c2: float,
+    s2: float,
+) -> Vector[float]:
     """Return the turn equation of th1 of a leg with th3, from cosine and sine of th2."""
     base, platform, cosine = closure
     after = into_second_link(c2, -s2, after_second(leg, th3, platform))
@@ -291,7 +303,10 @@ def implied_fault(
 
 
 def parity_curvature(
-    estimate: SampleEstimate, sensor: int, geometry: Geometry, working_mode: WorkingMode
+    estimate: SampleEstimate,
+    sensor: int,
+    geometry: Geometry,
+    working_mode: WorkingMode,
 ) -> float:
     """
     Return how the parity of four sensors bends along the turn that a fault of one makes.
@@ -347,7 +362,9 @@ def parity_curvature(
 
 
 def _sensor_rows(
-    rotation: Rotation[float], angles: tuple[float, ...], geometry: Geometry
+    rotation: Rotation[float],
+    angles: tuple[float, ...],
+    geometry: Geometry,
 ) -> list[Vector[float]]:
     """Return the six sensors' rows of the Jacobian in the base frame (unit 1)."""
     th1a, th1b, th1c = angles[:3]
