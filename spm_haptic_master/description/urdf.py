@@ -95,7 +95,13 @@ def urdf(geometry: Geometry, meshes: str) -> str:
     for k in range(3):
         names = MECHANISM_JOINT_NAMES[3 * k : 3 * k + 3]
         of_leg = {name: limits[name] for name in names}
-        _add_leg(robot, geometry.legs[k], solids.LEGS[k], of_leg, meshes)
+        _add_leg(
+            robot=robot,
+            leg=geometry.legs[k],
+            name=solids.LEGS[k],
+            limits=of_leg,
+            meshes=meshes,
+        )
     _add_platform(robot, geometry, meshes)
     links = {link.get('name'): link for link in robot.iter('link')}
     for name, body in solids.masses(geometry).items():
@@ -164,7 +170,12 @@ def _add_leg(
         frame=end,
     )
     _link(robot, carrier)
-    _add_tip(robot, carrier, f'tip_{name}', _about_x(1.0, 0.0))
+    _add_tip(
+        robot=robot,
+        parent=carrier,
+        name=f'tip_{name}',
+        frame=_about_x(1.0, 0.0),
+    )
 
 
 def _add_platform(
@@ -185,7 +196,12 @@ def _add_platform(
     )
     _link(robot, PLATFORM_FRAME, f'{meshes}/platform.stl', 'platform')
     for leg, name in zip(geometry.legs[1:], solids.LEGS[1:], strict=True):
-        _add_tip(robot, PLATFORM_FRAME, f'socket_{name}', leg.platform_frame)
+        _add_tip(
+            robot=robot,
+            parent=PLATFORM_FRAME,
+            name=f'socket_{name}',
+            frame=leg.platform_frame,
+        )
 
 
 def _add_tip(

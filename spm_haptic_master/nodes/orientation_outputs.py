@@ -64,9 +64,23 @@ def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
     handle = values['mounting.handle_frame_id']
     transforms = []
     if mounting.base != IDENTITY:
-        transforms.append(_transform(node, table, base, mounting.base))
+        transforms.append(
+            _transform(
+                node=node,
+                parent=table,
+                child=base,
+                rotation=mounting.base,
+            )
+        )
     if mounting.handle != IDENTITY:
-        transforms.append(_transform(node, platform, handle, mounting.handle))
+        transforms.append(
+            _transform(
+                node=node,
+                parent=platform,
+                child=handle,
+                rotation=mounting.handle,
+            )
+        )
     parents = {each.child_frame_id: each.header.frame_id for each in transforms}
     reference = parents.get(base, base)
     mounted = [f'{child} on {parent}' for child, parent in parents.items()]

@@ -165,10 +165,20 @@ def parse_quirk(text: str, sensors: int = len(JOINT_NAMES)) -> Quirk:
     kind = found['kind']
     joint = found['joint']
     joints = ALL_JOINT_NAMES[:sensors]
-    _check_name(text, 'kind', kind, KINDS)
+    _check_name(
+        text=text,
+        what='kind',
+        name=kind,
+        known=KINDS,
+    )
     index = None
     if joint is not None:
-        _check_name(text, 'joint', joint, joints)
+        _check_name(
+            text=text,
+            what='joint',
+            name=joint,
+            known=joints,
+        )
         index = joints.index(joint)
     number, place = _value(text, kind, found['value'])
     return Quirk(
