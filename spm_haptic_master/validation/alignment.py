@@ -130,12 +130,17 @@ def between(
         X, y, z, w; not of unit length.
 
     """
-    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
+    before = quaternions[:-1]
+    after = quaternions[1:]
+    cosines = np.sum(after * before, axis=1)
     flips = np.cumsum(cosines < 0.0)
     signs = np.ones(len(quaternions))
     signs[1:][flips % 2 == 1] = -1.0
-    components = (quaternions * signs[:, None]).T
-    return np.stack([np.interp(at, time, each) for each in components], axis=1)
+    continuous = quaternions * signs[:, None]
+    columns = []
+    for component in continuous.T:
+        columns.append(np.interp(at, time, component))
+    return np.stack(columns, axis=1)
 
 
 def interpolate(
@@ -161,13 +166,15 @@ def interpolate(
         X, y, z, w; NaN in gaps longer than `GAP`, and outside the recording.
 
     """
-    place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
-    known = (at >= time[0]) & (at <= time[-1])
+    next_row = np.searchsorted(time, at)
+    place = np.clip(next_row, 1, len(time) - 1)
     gaps = time[place] - time[place - 1]
-    known &= gaps <= GAP
+    known = gaps <= GAP
+    known &= at >= time[0]
+    known &= at <= time[-1]
     found = between(time, quaternions, at)
-    found /= np.linalg.norm(found, axis=1, keepdims=True)
-    return np.where(known[:, None], found, np.nan)
+    size = np.linalg.norm(found, axis=1, keepdims=True)
+    return np.where(known[:, None], found / size, np.nan)
 
 
 def angular_speed(
@@ -209,11 +216,14 @@ def angular_speed(
             f'{4 * SPEED_WINDOW * SPEED_STEP:g} s or more'
         )
     mean = np.full(SPEED_WINDOW, 1.0 / SPEED_WINDOW)
-    components = between(time, quaternions, grid).T
-    smooth = np.stack([np.convolve(each, mean, 'valid') for each in components], axis=1)
+    columns = []
+    for component in between(time, quaternions, grid).T:
+        columns.append(np.convolve(component, mean, 'valid'))
+    smooth = np.stack(columns, axis=1)
     difference = smooth[SPEED_WINDOW:] - smooth[:-SPEED_WINDOW]
     chord = np.linalg.norm(difference, axis=1)
-    turn = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    sine = np.minimum(0.5 * chord, 1.0)
+    turn = 4.0 * np.arcsin(sine)
     speed = turn / (SPEED_WINDOW * SPEED_STEP)
     return grid[0], np.minimum(speed, SPEED_LIMIT)
 
@@ -249,13 +259,17 @@ def coarse_offset(
         The motions are not alike: the correlation is below `CORRELATION_LIMIT`.
 
     """
-    sums = _SlidingSums(recorded[1], captured[1])
+    recorded_begin, recorded_speed = recorded
+    captured_begin, captured_speed = captured
+    sums = _SlidingSums(recorded_speed, captured_speed)
     misfit = sums.misfit()
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE_RATIO * misfit.min())
-    most = alike[np.argmax(sums.number[alike])]
-    near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW)
-    best = near.start + int(np.argmin(misfit[near]))
+    longest = np.argmax(sums.number[alike])
+    most = alike[longest]
+    begin = max(most - SPEED_WINDOW, 0)
+    near = misfit[begin : most + SPEED_WINDOW]
+    best = begin + int(np.argmin(near))
     correlation = sums.correlation(best)
     if not correlation >= CORRELATION_LIMIT:
         raise InputError(
@@ -263,8 +277,9 @@ def coarse_offset(
             f'their angular speeds is {correlation:.2f}, expected '
             f'{CORRELATION_LIMIT:g} or more'
         )
-    shift = (best - (len(captured[1]) - 1)) * SPEED_STEP
-    return float(recorded[0] + shift - captured[0]), correlation
+    steps = best - (len(captured_speed) - 1)
+    shift = steps * SPEED_STEP
+    return float(recorded_begin + shift - captured_begin), correlation
 
 
 class _SlidingSums:
@@ -286,7 +301,8 @@ class _SlidingSums:
         ones_a = np.ones(len(a))
         ones_b = np.ones(len(b))
         exact = self._slide(ones_a, ones_b)
-        self._enough = exact >= OVERLAP * min(len(a), len(b))
+        shorter = min(len(a), len(b))
+        self._enough = exact >= OVERLAP * shorter
         self.number = np.maximum(np.round(exact), 1.0)
         self._sum_a = self._slide(a, ones_b)
         self._sum_b = self._slide(ones_a, b)
@@ -313,12 +329,14 @@ class _SlidingSums:
     def correlation(self, at: int) -> float:
         """Return the correlation of both series at an index (unit 1); 0 for a constant one."""
         number = self.number[at]
-        spread_a = self._square_a[at] - self._sum_a[at] ** 2 / number
-        spread_b = self._square_b[at] - self._sum_b[at] ** 2 / number
+        sum_a = self._sum_a[at]
+        sum_b = self._sum_b[at]
+        spread_a = self._square_a[at] - sum_a**2 / number
+        spread_b = self._square_b[at] - sum_b**2 / number
         spread = spread_a * spread_b
         if not spread > 0.0:
             return 0.0
-        covariance = self._mixed[at] - self._sum_a[at] * self._sum_b[at] / number
+        covariance = self._mixed[at] - sum_a * sum_b / number
         return float(covariance / math.sqrt(spread))
 
 
@@ -396,9 +414,11 @@ def constant_frames(
         along = np.einsum('abcd,kac->kdb', products, frame[going])
         body[going] = nearest_rotation(along)
         before = fit[going]
-        fit[going] = np.sum(along * body[going], axis=(1, 2))
+        products_of_bodies = along * body[going]
+        fit[going] = np.sum(products_of_bodies, axis=(1, 2))
         gain = fit[going] - before
-        going = going[gain > FRAME_TOLERANCE * len(captured)]
+        is_gaining = gain > FRAME_TOLERANCE * len(captured)
+        going = going[is_gaining]
     best = fit.argmax()
     return frame[best], body[best]
 
@@ -428,7 +448,8 @@ def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
     trace = np.trace(matrices, axis1=-2, axis2=-1)
     cosine = 0.5 * (trace[..., None] - 1.0)
     angle = np.arctan2(size, cosine)
-    factor = np.where(size > 0.0, angle / np.maximum(size, 1e-300), 1.0)
+    ratio = angle / np.maximum(size, 1e-300)
+    factor = np.where(size > 0.0, ratio, 1.0)
     return sine * factor
 
 
@@ -539,6 +560,10 @@ class _Pair:
     captured_time: np.ndarray
     captured: np.ndarray
 
+    def recorded_at(self, at: np.ndarray) -> np.ndarray:
+        """Return the recorded quaternions at times, s, as `interpolate` has them."""
+        return interpolate(self.recorded_time, self.recorded, at)
+
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
@@ -595,8 +620,8 @@ class _Fit:
         """
         rate = 0.0
         if with_rate:
-            rate = float(np.clip(self.rate + step[4], -RATE_LIMIT, RATE_LIMIT))
-        body = self.body
+            changed_rate = self.rate + step[4]
+            rate = float(np.clip(changed_rate, -RATE_LIMIT, RATE_LIMIT))
         body = self.body
         if not body_known:
             of_body = matrix_from_vector(step[None, -3:])
@@ -640,7 +665,7 @@ def _start(
 
     """
     at = pair.captured_time + offset
-    quaternions = interpolate(pair.recorded_time, pair.recorded, at)
+    quaternions = pair.recorded_at(at)
     known = np.isfinite(quaternions).all(axis=1)
     if known.sum() < ROWS_MINIMUM:
         raise InputError('recording and motion capture hardly overlap')
@@ -693,31 +718,29 @@ def _refined(
     deviation = math.inf
     for _ in range(STEPS):
         at = pair.captured_time * (1.0 + now.rate) + now.offset
-        quaternions = [
-            interpolate(pair.recorded_time, pair.recorded, at + shift)
-            for shift in (0.0, -VELOCITY_HALF_WIDTH, VELOCITY_HALF_WIDTH)
-        ]
-        known = np.isfinite(sum(quaternions)).all(axis=-1)
+        quaternions = pair.recorded_at(at)
+        earlier = pair.recorded_at(at - VELOCITY_HALF_WIDTH)
+        later = pair.recorded_at(at + VELOCITY_HALF_WIDTH)
+        known = np.isfinite(quaternions + earlier + later).all(axis=-1)
         if known.sum() < ROWS_MINIMUM:
             raise InputError('recording and motion capture hardly overlap')
-        here = matrix_from_quaternion(quaternions[0][known])
-        before = matrix_from_quaternion(quaternions[1][known])
-        after = matrix_from_quaternion(quaternions[2][known])
+        here = matrix_from_quaternion(quaternions[known])
+        before = matrix_from_quaternion(earlier[known])
+        after = matrix_from_quaternion(later[known])
         captured = pair.captured[known]
         # Residual of captured = frame recorded body, as a rotation vector in the base frame.
         expected = now.frame.T @ captured @ now.body.T
         off = rotation_vectors(expected @ here.swapaxes(-1, -2))
         turn = rotation_vectors(after @ before.swapaxes(-1, -2))
         velocity = turn / (2.0 * VELOCITY_HALF_WIDTH)
-        rows = np.concatenate(
-            _changes(
-                velocity=velocity,
-                captured_time=pair.captured_time[known],
-                recorded=here,
-                with_rate=with_rate,
-                with_body=not body_known,
-            )
+        changes = _changes(
+            velocity=velocity,
+            captured_time=pair.captured_time[known],
+            recorded=here,
+            with_rate=with_rate,
+            with_body=not body_known,
         )
+        rows = np.concatenate(changes)
         # A motion about one axis does not separate frame and body: the solution is the least
         # rotation of both.
         step, *_ = np.linalg.lstsq(rows, off.ravel(), rcond=None)
@@ -726,7 +749,8 @@ def _refined(
         if with_rate:
             # A third of the squared residual is the variance of one component.
             inverse = np.linalg.pinv(rows.T @ rows)
-            deviation = math.sqrt(max(inverse[4, 4], 0.0) * residual**2 / 3.0)
+            of_rate = max(inverse[4, 4], 0.0)
+            deviation = math.sqrt(of_rate * residual**2 / 3.0)
         now = now.changed(step, body_known, with_rate, residual)
         if np.abs(step).max() < STEP_TOLERANCE:
             break
@@ -830,11 +854,11 @@ def _check_export(
         return
     inverse = captured * [-1.0, -1.0, -1.0, 1.0]
     other = _aligned(
-        recorded_time,
-        recorded,
-        captured_time,
-        captured if body_known else inverse,
-        False,
+        recorded_time=recorded_time,
+        recorded=recorded,
+        captured_time=captured_time,
+        captured=captured if body_known else inverse,
+        body_known=False,
     )
     if other.residual >= EXPLAINED * found.residual:
         return
@@ -870,7 +894,8 @@ def _marker_mistake(body: np.ndarray) -> str:
         if body[0, 0] > ALONG:
             return 'the markers A and B are exchanged'
         return 'the markers are a mirror image: of left-handed axes'
-    turn = math.degrees(math.atan2(body[1, 0], body[0, 0]))
+    angle = math.atan2(body[1, 0], body[0, 0])
+    turn = math.degrees(angle)
     return (
         f'the markers C and D are turned by {turn:.0f} deg about Z_E: exchanged, or expected at '
         'other --marker-azimuths'

@@ -140,7 +140,8 @@ def _metadata(path: Path) -> Counter[str]:
         return Counter()
     about = _read_metadata(path)
     _check_storage(path, about)
-    present = {_stored_name(each.name) for each in path.iterdir() if is_bag(each)}
+    bags = filter(is_bag, path.iterdir())
+    present = {_stored_name(bag.name) for bag in bags}
     listed = {_stored_name(name) for name in about.files}
     alone = sorted(present ^ listed)
     if alone:
@@ -179,8 +180,9 @@ def _read_metadata(path: Path) -> _Metadata:
         about = content['rosbag2_bagfile_information']
         files = [PurePath(name).name for name in about['relative_file_paths']]
         counts: Counter[str] = Counter()
-        for each in about['topics_with_message_count']:
-            counts[each['topic_metadata']['name']] += int(each['message_count'])
+        for counted in about['topics_with_message_count']:
+            topic = counted['topic_metadata']['name']
+            counts[topic] += int(counted['message_count'])
         return _Metadata(
             files=files,
             storage=about.get('storage_identifier'),
@@ -216,13 +218,15 @@ def _check_ended(path: Path) -> None:
     if path.suffix == '.mcap' and path.is_file():
         with open(path, 'rb') as file:
             begin = file.read(len(MCAP_MAGIC))
-            file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
+            size = path.stat().st_size
+            file.seek(max(0, size - len(MCAP_MAGIC)))
             # A reader may take what is there.
             if begin == MCAP_MAGIC != file.read():
                 raise _not_ended(path, 'no end of an MCAP file', path.parent)
     for suffix in SQLITE_REMAINS:
         beside = path.with_name(path.name + suffix)
-        if path.suffix == '.db3' and beside.exists() and beside.stat().st_size:
+        has_remains = beside.exists() and beside.stat().st_size > 0
+        if path.suffix == '.db3' and has_remains:
             raise _not_ended(path, f'{beside.name} holds messages that are not in it', path.parent)
 
 

@@ -110,11 +110,13 @@ def _rows(
 ) -> Rows:
     """Return the rows of some columns up to the end of the section; NaN what was not seen."""
     rows: Rows = []
-    for number, line in enumerate(sheet.lines[export.first :], export.first + 1):
+    lines = sheet.lines[export.first :]
+    for number, line in enumerate(lines, export.first + 1):
         filled = [field for field in line if field.strip()]
         if len(filled) >= 2:
             numbers = _numbers(sheet, number, line)
-            values = np.array([_at(numbers, column) for column in columns])
+            wanted = [_at(numbers, column) for column in columns]
+            values = np.array(wanted)
             if export.bodies:
                 seen = export.quaternion(values)
             else:

@@ -190,9 +190,9 @@ def _within_header(
     text: str,
 ) -> int | None:
     """Return the index of the line of the header that has a text at a place."""
-    at = sheet.find(lambda line: len(line) > place and line[place].strip() == text)
-    if at is not None and at < HEADER_LINES:
-        return at
+    for at, line in enumerate(sheet.lines[:HEADER_LINES]):
+        if len(line) > place and line[place].strip() == text:
+            return at
     return None
 
 
@@ -218,7 +218,9 @@ def _vicon(sheet: Sheet) -> Export | None:
     section = sheet.find(lambda line: _plain(line[0]) in VICON_SECTIONS)
     if section is None or section + 4 >= len(sheet.lines):
         return None
-    names, axes, units = sheet.lines[section + 2 : section + 5]
+    names = sheet.lines[section + 2]
+    axes = sheet.lines[section + 3]
+    units = sheet.lines[section + 4]
     if axes[:2] != ['Frame', 'Sub Frame']:
         return None
     rate = _vicon_rate(sheet, section + 1)
@@ -287,7 +289,8 @@ def _qualisys(sheet: Sheet) -> Export | None:
     first = sheet.find(lambda line: _is_number(line[0]))
     if first is None:
         first = len(sheet.lines)
-    header = [field.strip() for field in sheet.lines[first - 1]]
+    before_numbers = sheet.lines[first - 1]
+    header = [field.strip() for field in before_numbers]
     if header[:2] != ['Frame', 'Time']:
         raise InputError(
             f'{sheet.path}: a file of QTM without the columns Frame and Time; export it again '

@@ -125,7 +125,8 @@ def sifted_capture(track: Track) -> Sifted:
 
     """
     found = without_values(track)
-    found = keep(found, ~straight(found.track.values), 'held or filled in by the capture')
+    is_moving = ~straight(found.track.values)
+    found = keep(found, is_moving, 'held or filled in by the capture')
     if track.values.shape[1] == len(MARKERS):
         good = rigid(found.track.values)
         found = keep(found, good, 'that no rigid body can give')
@@ -157,8 +158,9 @@ def straight(values: Array) -> NDArray[np.bool_]:
     size = np.linalg.norm(change, axis=1)
     small = size < STRAIGHT * np.median(size)
     within = np.concatenate([[False], small, [False]])
-    ends = np.flatnonzero(within[1:] != within[:-1])
-    for begin, end in zip(ends[::2], ends[1::2], strict=True):
+    changes = within[1:] != within[:-1]
+    ends = np.flatnonzero(changes).reshape(-1, 2)
+    for begin, end in ends:
         if end - begin >= STRAIGHT_ROWS:
             # The second difference at i is of the rows i, i + 1 and i + 2.
             found[begin + 1 : end + 1] = True
@@ -185,7 +187,8 @@ def rigid(values: Array) -> NDArray[np.bool_]:
     between = points[:, first] - points[:, second]
     distances = np.linalg.norm(between, axis=2)
     usual = np.median(distances, axis=0)
-    is_usual = np.abs(distances - usual) <= RIGID * usual.max()
+    deviations = np.abs(distances - usual)
+    is_usual = deviations <= RIGID * usual.max()
     return np.asarray(is_usual.all(axis=1))
 
 
@@ -220,7 +223,8 @@ def continuous(
         after=quaternions[1:],
     )
     breaks = np.flatnonzero(~follows) + 1
-    pieces = np.split(np.arange(len(time)), breaks)
+    rows = np.arange(len(time))
+    pieces = np.split(rows, breaks)
     lengths = [len(piece) for piece in pieces]
     longest = lengths.index(max(lengths))
     good[pieces[longest]] = True
@@ -304,7 +308,8 @@ def _follows(
         True if the turn is at most `HAND_SPEED` times the time, plus `TURN_NOISE`.
 
     """
-    cosine = np.abs(np.sum(quaternion * after, axis=-1))
+    products = quaternion * after
+    cosine = np.abs(np.sum(products, axis=-1))
     turn = 2.0 * np.arccos(np.minimum(cosine, 1.0))
     seconds = np.abs(np.asarray(later) - time)
     return np.asarray(turn <= HAND_SPEED * seconds + TURN_NOISE)

@@ -172,10 +172,12 @@ def marker_directions(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         A and B coincide, or C or D is on the axis.
 
     """
-    markers = coordinates.reshape(-1, 4, 3).swapaxes(0, 1)
+    points = coordinates.reshape(-1, 4, 3)
+    markers = points.swapaxes(0, 1)
     a, b, c, d = markers
     distances = np.linalg.norm(markers - a, axis=2)
-    span = float(np.median(distances.max(axis=0)))
+    largest = distances.max(axis=0)
+    span = float(np.median(largest))
     axis = _unit(b - a, span, 'A and B coincide')
     toward_c = _unit(_across(c - a, axis), span, 'C lies on the axis A-B')
     toward_d = _unit(_across(d - a, axis), span, 'D lies on the axis A-B')
@@ -271,7 +273,8 @@ def _mounted_classic(
         NaN where the angles close no mechanism, or none are within `GAP`.
 
     """
-    after = np.clip(np.searchsorted(joints.time, time), 1, len(joints.time) - 1)
+    next_row = np.searchsorted(joints.time, time)
+    after = np.clip(next_row, 1, len(joints.time) - 1)
     since = time - joints.time[after - 1]
     until = joints.time[after] - time
     index = after - (since < until)
@@ -279,8 +282,9 @@ def _mounted_classic(
     x, y, z, w = start.tolist()
     unmounted = mounting.unmounted((x, y, z, w))
     last = kinematics.matrix_from_quaternion(unmounted)
-    for place, (row, moment) in enumerate(zip(index, time, strict=True)):
-        if abs(joints.time[row] - moment) > alignment.GAP:
+    for place, row in enumerate(index):
+        distance = joints.time[row] - time[place]
+        if abs(distance) > alignment.GAP:
             continue
         try:
             tracked = kinematics.track_mode(joints.values[row, :3], last, geometry)
@@ -288,7 +292,8 @@ def _mounted_classic(
             rotations[place] = last
         except SpmError:
             continue  # no mode, or infinitely many: the classic model has no answer here
-    table, handle = kinematics.matrix_from_quaternion([mounting.base, mounting.handle])
+    turns = [mounting.base, mounting.handle]
+    table, handle = kinematics.matrix_from_quaternion(turns)
     mounted: np.ndarray = table @ rotations @ handle
     return mounted
 
@@ -315,11 +320,10 @@ def zxz_degrees(
     """
     known = np.isfinite(rotations).all(axis=(1, 2))
     angles = np.full((3, len(rotations)), np.nan)
-    found = kinematics.zxz_from_matrix(rotations[known])
+    found = np.stack(kinematics.zxz_from_matrix(rotations[known]))
     if unwrapped:
-        angles[:, known] = np.degrees(np.unwrap(found, axis=-1))
-    else:
-        angles[:, known] = np.degrees(found)
+        found = np.unwrap(found, axis=-1)
+    angles[:, known] = np.degrees(found)
     return angles
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -208,8 +209,10 @@ def regions(
     known = np.isfinite(found.parity_deg)
     phi = np.floor(found.phi_deg / PHI_STEP)
     table = []
-    for low, high in zip(TILT_EDGES[:-1], TILT_EDGES[1:], strict=True):
-        ring = known & (found.tilt_deg >= low) & (found.tilt_deg < high)
+    for low, high in pairwise(TILT_EDGES):
+        above = found.tilt_deg >= low
+        below = found.tilt_deg < high
+        ring = known & above & below
         for step in np.unique(phi[ring]):
             inside = ring & (phi == step)
             parity = found.parity_deg[inside]
@@ -266,17 +269,18 @@ def white_noise(
     if len(stamps) < 4:
         return noise
     differences = _third_differences(stamps, angles)
-    for sensor, (column, readings) in enumerate(zip(differences.T, angles.T, strict=True)):
-        size = np.abs(column[np.isfinite(column)])
+    for sensor, column in enumerate(differences.T):
+        is_known = np.isfinite(column)
+        size = np.abs(column[is_known])
         if not len(size):
             continue
+        typical = 0.0
         if size.any():
             typical = np.median(size[size > 0.0])
-        else:
-            typical = 0.0
         usual = size[size <= OUTLIER * typical]
-        spread = np.sqrt(np.mean(usual**2))
-        noise[sensor] = max(spread, _rounding(readings))
+        squares = usual**2
+        spread = np.sqrt(np.mean(squares))
+        noise[sensor] = max(spread, _rounding(angles[:, sensor]))
     return noise
 
 
@@ -303,18 +307,20 @@ def _third_differences(
 
     """
     steps = np.diff(stamps)
-    without_gap = (steps > 0) & (steps <= GAP * np.median(steps))
+    period = np.median(steps)
+    without_gap = (steps > 0) & (steps <= GAP * period)
     three_steps = without_gap[:-2] & without_gap[1:-1] & without_gap[2:]
     first = np.flatnonzero(three_steps)
     rows = first[:, None] + np.arange(4)
     # Periods from the first of the four; a reading's weight is 1 / product of its distances.
     since_first = stamps[rows] - stamps[first][:, None]
-    times = since_first / np.median(steps)
+    times = since_first / period
     distances = times[:, :, None] - times[:, None, :]
     distances = distances + np.eye(4)
     weights = 1.0 / distances.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    return np.asarray(np.einsum('mk,mki->mi', weights, angles[rows]))
+    differences = np.einsum('mk,mki->mi', weights, angles[rows])
+    return np.asarray(differences)
 
 
 def _rounding(readings: Array) -> float:
@@ -366,4 +372,6 @@ def write_regions(path: Path, table: list[RegionRow]) -> None:
         newline='',
         encoding='utf-8',
     ) as file:
-        csv.writer(file).writerows([RegionRow._fields, *table])
+        writer = csv.writer(file)
+        writer.writerow(RegionRow._fields)
+        writer.writerows(table)
