@@ -108,11 +108,11 @@ def check_cpus(text: str) -> set[int]:
         for part in text.split(','):
             first, _, last = part.partition('-')
             span = range(int(first), int(last or first) + 1)
-            if not span:
+            # One by one: the end of a span may be any number.
+            if not span or not all(core in allowed for core in span):
                 raise ValueError(text)
             cores.update(span)
-        if cores <= allowed:
-            return cores
+        return cores
     listed = ', '.join(map(str, sorted(allowed)))
     raise SettingError(
         name='realtime.cpus',
