@@ -115,4 +115,6 @@ def quoted(value: object) -> str:
         text = ' '.join(repr(value).split())
     except Exception:  # a foreign type may raise anything
         text = f'a value of type {type(value).__name__}'
-    return text if len(text) <= LONGEST else f'{text[: LONGEST - 4]} ...'
+    if len(text) <= LONGEST:
+        return text
+    return f'{text[: LONGEST - 4]} ...'

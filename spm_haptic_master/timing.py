@@ -85,7 +85,10 @@ class StampGrid:
     """
 
     def __init__(self, rate: float, sample_rate: float) -> None:
-        self._period = round(SECOND / rate) if 0.0 < rate < sample_rate else 0
+        if 0.0 < rate < sample_rate:
+            self._period = round(SECOND / rate)
+        else:
+            self._period = 0
         # By this much a sample may come before its time: half of its own period.
         self._slack = round(0.5 * SECOND / sample_rate)
         self._due = 0
@@ -99,7 +102,10 @@ class StampGrid:
         if due - 2 * period <= stamp < due - self._slack:
             return False
         due += period
-        self._due = due if stamp < due <= stamp + 2 * period else stamp + period
+        if stamp < due <= stamp + 2 * period:
+            self._due = due
+        else:
+            self._due = stamp + period
         return True
 
 

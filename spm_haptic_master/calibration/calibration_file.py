@@ -118,7 +118,10 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
         at = tree
         for group in groups:
             at = at.setdefault(group, {})
-        at[last] = [*map(_quoted, value)] if isinstance(value, (tuple, list)) else _quoted(value)
+        if isinstance(value, (tuple, list)):
+            at[last] = [*map(_quoted, value)]
+        else:
+            at[last] = _quoted(value)
     return tree
 
 

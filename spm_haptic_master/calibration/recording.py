@@ -55,7 +55,10 @@ def _whole_sets(
 
     """
     rows = [sample.angles for sample in samples]
-    angles = np.array(rows) if rows else np.empty((0, len(ALL_JOINT_NAMES)))
+    if rows:
+        angles = np.array(rows)
+    else:
+        angles = np.empty((0, len(ALL_JOINT_NAMES)))
     missing = np.isnan(angles)
     lacking = '; '.join(
         f'{joint} has no reading in {count} of {len(samples)} sets'

@@ -321,7 +321,9 @@ def _angles(geometry: Geometry) -> Array:
 def _note(c: MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated; empty if all are."""
     left = set(columns).difference(c.estimated)
-    return '' if not left else 'partly as drawn' if left < set(columns) else 'as drawn'
+    if not left:
+        return ''
+    return 'partly as drawn' if left < set(columns) else 'as drawn'
 
 
 def _left(c: MotionCalibration) -> str:

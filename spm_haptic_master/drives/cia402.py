@@ -131,7 +131,9 @@ def controlword(state: State, operate: bool) -> int:
         Value for 6040h. It never resets a fault: only an acknowledgement does.
 
     """
-    return ONWARDS.get(state, DISABLE_VOLTAGE) if operate else DISABLE_VOLTAGE
+    if operate:
+        return ONWARDS.get(state, DISABLE_VOLTAGE)
+    return DISABLE_VOLTAGE
 
 
 def mode_words(mode: int) -> str:

@@ -177,9 +177,9 @@ class Drive:
             return f'no heartbeat for {1e3 * unheard:.0f} ms'
         if self._nmt not in (None, canopen.OPERATIONAL):
             return f'NMT state {canopen.state_word(self._nmt or 0)}'
-        return (
-            f'no status frame for {1e3 * silent:.0f} ms' if silent > plan.status_timeout else None
-        )
+        if silent > plan.status_timeout:
+            return f'no status frame for {1e3 * silent:.0f} ms'
+        return None
 
     def refusal(self, operate: bool) -> str | None:
         """

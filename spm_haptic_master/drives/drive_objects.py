@@ -194,7 +194,11 @@ def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
         *_period(plan),
     )
     pdos = (*_received(plan, drive), _status(plan, drive))
-    return WantedObjects(pdos, others, DriveRules(plan, drive))
+    return WantedObjects(
+        pdos=pdos,
+        others=others,
+        rules=DriveRules(plan, drive),
+    )
 
 
 def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
@@ -210,13 +214,36 @@ def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
     rpdo = canopen.RPDO_PARAMETERS
     if not plan.combined:
         entries = [control, torque]
-        return [wanted_pdo(rpdo, 'RPDO1', drive.control_id, AT_ONCE, timer, entries)]
+        return [
+            wanted_pdo(
+                index=rpdo,
+                name='RPDO1',
+                identifier=drive.control_id,
+                transmission=AT_ONCE,
+                times=timer,
+                entries=entries,
+            )
+        ]
     left_out = INTEGER16 << 16 | 16
     mapped = [torque if each is drive else left_out for each in plan.drives]
     timer = _timer(COMBINED_TIMER, 'RPDO2', plan.event_timer)
     return [
-        wanted_pdo(rpdo, 'RPDO1', drive.control_id, AT_ONCE, [], [control]),
-        wanted_pdo(rpdo + 1, 'RPDO2', plan.combined_id, AT_ONCE, timer, mapped),
+        wanted_pdo(
+            index=rpdo,
+            name='RPDO1',
+            identifier=drive.control_id,
+            transmission=AT_ONCE,
+            times=[],
+            entries=[control],
+        ),
+        wanted_pdo(
+            index=rpdo + 1,
+            name='RPDO2',
+            identifier=plan.combined_id,
+            transmission=AT_ONCE,
+            times=timer,
+            entries=mapped,
+        ),
     ]
 
 
@@ -234,17 +261,31 @@ def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
         _entry(cia402.MODE_DISPLAY, 8),
     ]
     if plan.status_syncs:
-        return wanted_pdo(index, 'TPDO1', drive.status_id, plan.status_syncs, [], entries)
+        return wanted_pdo(
+            index=index,
+            name='TPDO1',
+            identifier=drive.status_id,
+            transmission=plan.status_syncs,
+            times=[],
+            entries=entries,
+        )
     # The unit of an inhibit time is 100 us.
     inhibit = WantedObject(
-        index,
-        canopen.TPDO_INHIBIT_TIME,
-        2,
-        'TPDO1 inhibit time',
-        10 * _milliseconds(plan.status_period),
+        index=index,
+        subindex=canopen.TPDO_INHIBIT_TIME,
+        size=2,
+        name='TPDO1 inhibit time',
+        value=10 * _milliseconds(plan.status_period),
     )
     times = [inhibit, *_timer(STATUS_TIMER, 'TPDO1', plan.status_period)]
-    return wanted_pdo(index, 'TPDO1', drive.status_id, AT_ONCE, times, entries)
+    return wanted_pdo(
+        index=index,
+        name='TPDO1',
+        identifier=drive.status_id,
+        transmission=AT_ONCE,
+        times=times,
+        entries=entries,
+    )
 
 
 def _torques() -> list[WantedObject]:

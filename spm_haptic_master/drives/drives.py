@@ -180,7 +180,10 @@ class Drives:
         if torques is not None and not isfinite(sum(torques)):
             self._fail(f'torques {torques} N m; expected finite ones')
         for drive in self._drives:
-            trouble = None if self._fault else drive.trouble(torques is not None)
+            if self._fault:
+                trouble = None
+            else:
+                trouble = drive.trouble(torques is not None)
             if trouble:
                 self._fail(trouble)
 
@@ -283,7 +286,15 @@ class Drives:
             Date and time at which it passed, as ISO 8601.
 
         """
-        identities = [drive.identity or Identity(None, None, None) for drive in self._drives]
+        identities = [
+            drive.identity
+            or Identity(
+                vendor=None,
+                product=None,
+                serial=None,
+            )
+            for drive in self._drives
+        ]
         return passed_check(date, self.plan.drives, identities)
 
     def _prove(self) -> Steps:
@@ -402,7 +413,10 @@ class Drives:
         state: State,
     ) -> str:
         """Return in words that a drive did not reach a state that was asked for at a time, s."""
-        shown = 'no status frame' if drive.status_at <= asked else drive.state.value
+        if drive.status_at <= asked:
+            shown = 'no status frame'
+        else:
+            shown = drive.state.value
         cause = f' ({drive.emergency})' if drive.emergency else ''
         return (
             f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its start{cause}; expected '
@@ -426,10 +440,10 @@ class Drives:
         """Return the report of this sample, with the reported torques in N m at the joints."""
         absent = next((drive.absent for drive in self._drives if drive.absent), None)
         return DriveReport(
-            ready,
-            self._fault or self._missing or absent,
-            tuple(drive.torque / drive.own.scale for drive in self._drives),
-            max(self._now - drive.status_at for drive in self._drives),
+            ready=ready,
+            fault=self._fault or self._missing or absent,
+            torques=tuple(drive.torque / drive.own.scale for drive in self._drives),
+            seconds_since_status=max(self._now - drive.status_at for drive in self._drives),
         )
 
     def _receive(self, bus: can.BusABC) -> None:
@@ -485,7 +499,10 @@ class Drives:
             word = cia402.controlword(drive.state, operate)
             if resets and drive.state is State.FAULT and self._samples & RESET_SAMPLES:
                 word = cia402.FAULT_RESET
-            value = 0 if torques is None else drive.own.per_mille(torques[index])
+            if torques is None:
+                value = 0
+            else:
+                value = drive.own.per_mille(torques[index])
             drive.command(value)
             words.append(word)
             values.append(value)
@@ -495,7 +512,10 @@ class Drives:
             self._send(self._heartbeat)
         self._send_sync()
         for identifier, data in torque_frames(
-            self.plan, words, values, due or words != self._controlwords
+            plan=self.plan,
+            controlwords=words,
+            torques=values,
+            controls=due or words != self._controlwords,
         ):
             self._send(canopen.frame(identifier, data))
         self._controlwords = words
@@ -616,13 +636,19 @@ def _check_of(values: Values, plan: Plan) -> PassedCheck:
     path = values['drives.check_file']
     if not path:
         raise SettingError(
-            'drives.check_file',
-            path,
-            'the file that force_check --record --output has written for these drives: no torque '
-            'without a passed check',
+            name='drives.check_file',
+            value=path,
+            expected=(
+                'the file that force_check --record --output has written for these drives: no '
+                'torque without a passed check'
+            ),
         )
     check = read_check(Path(path))
     difference = check.difference(plan.drives)
     if difference is not None:
-        raise SettingError('drives.check_file', path, f'a check of these drives ({difference})')
+        raise SettingError(
+            name='drives.check_file',
+            value=path,
+            expected=f'a check of these drives ({difference})',
+        )
     return check

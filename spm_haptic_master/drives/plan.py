@@ -199,14 +199,13 @@ def torque_frames(
             (drive.control_id, pack('<Hh', word, torque))
             for drive, word, torque in zip(plan.drives, controlwords, torques, strict=True)
         ]
-    words = (
-        [
+    if controls:
+        words = [
             (drive.control_id, pack('<H', word))
             for drive, word in zip(plan.drives, controlwords, strict=True)
         ]
-        if controls
-        else []
-    )
+    else:
+        words = []
     return [(plan.combined_id, pack(f'<{len(torques)}h', *torques)), *words]
 
 

@@ -289,7 +289,10 @@ def help_text(settings: Iterable[Setting]) -> str:
 
 def _help_lines(setting: Setting) -> list[str]:
     """Return the lines of a setting in --help."""
-    shown = '' if setting.default in (None, '') else f' [{_shown(setting.default)}]'
+    if setting.default in (None, ''):
+        shown = ''
+    else:
+        shown = f' [{_shown(setting.default)}]'
     indent = ' ' * 6
     text = wrap(setting.description, HELP_WIDTH, initial_indent=indent, subsequent_indent=indent)
     return [f'  {setting.name}{shown}', *text]
@@ -301,4 +304,6 @@ def _shown(default: object) -> str:
         return ', '.join(map(_shown, default))
     if isinstance(default, bool):
         return str(default).lower()
-    return f'{default:g}' if isinstance(default, float) else str(default)
+    if isinstance(default, float):
+        return f'{default:g}'
+    return str(default)

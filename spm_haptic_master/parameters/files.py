@@ -421,7 +421,10 @@ def _entries(
 
     """
     if not isinstance(tree, yaml.MappingNode):
-        text = tree.value if isinstance(tree, yaml.ScalarNode) else ''
+        if isinstance(tree, yaml.ScalarNode):
+            text = tree.value
+        else:
+            text = ''
         cure = f"; '{text}' has no space after the colon" if NO_SPACE.fullmatch(text) else ''
         raise InputError(f'{origin}:{tree.start_mark.line + 1}: {missing}{cure}')
     entries: dict[str, yaml.Node] = {}
@@ -528,7 +531,10 @@ def _scalar(what: str, node: yaml.ScalarNode) -> object:
 
 def _integer(what: str, text: str) -> int:
     """Return a whole number; InputError for one that ROS cannot take."""
-    value = int(text, 0) if len(text) <= LONGEST_INTEGER else 1 << 63
+    if len(text) <= LONGEST_INTEGER:
+        value = int(text, 0)
+    else:
+        value = 1 << 63
     if not -1 << 63 <= value < 1 << 63:
         raise InputError(f'{what} is too large; expected a whole number of at most 64 bits')
     return value

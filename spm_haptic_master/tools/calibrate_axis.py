@@ -80,9 +80,10 @@ def run(options: argparse.Namespace) -> int:
     before = None
     if options.check is not None:
         before = axis_file.read_axis(options.check, axis, values['gripper.counts_per_turn'])
-    motion = (
-        _replayed(axis, values) if source == 'replay' else _recorded(axis, source, values, ends)
-    )
+    if source == 'replay':
+        motion = _replayed(axis, values)
+    else:
+        motion = _recorded(axis, source, values, ends)
     if before is not None:
         return _report_check(options.check, axis, axis_ends.change_since(motion, ends, before))
     found = axis_ends.calibrate_axis(motion, ends)
@@ -285,10 +286,10 @@ def _motion(
         fault = encoder.fault(source.axis_time)
         raise CalibrationError(f'{fault or f"{encoder.name} missing"}; expected its readings')
     return AxisMotion(
-        encoder.name,
-        np.array([reading.stamp for reading in own], dtype=np.int64),
-        np.array([reading.position for reading in own]),
-        encoder.layout.counts_per_turn,
+        axis=encoder.name,
+        stamps=np.array([reading.stamp for reading in own], dtype=np.int64),
+        counts=np.array([reading.position for reading in own]),
+        ring=encoder.layout.counts_per_turn,
     )
 
 

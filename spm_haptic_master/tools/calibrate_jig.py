@@ -97,10 +97,10 @@ class Rig:
         """
         try:
             angles = measured_angles(
-                zxz_rotation(*map(radians, pose)),
-                geometry_from(self.mechanism),
-                self.mechanism['working_mode'],
-                self.sensors,
+                rotation=zxz_rotation(*map(radians, pose)),
+                geometry=geometry_from(self.mechanism),
+                working_mode=self.mechanism['working_mode'],
+                sensors=self.sensors,
             )
         except UnreachableError as error:
             given = ' '.join(f'{angle:g}' for angle in pose)
@@ -117,7 +117,10 @@ class Rig:
             if name not in KEPT:
                 continue
             default = KEPT[name]
-            is_other = any(value) if default is None else value != default
+            if default is None:
+                is_other = any(value)
+            else:
+                is_other = value != default
             if is_other:
                 kept[name] = value
         return kept

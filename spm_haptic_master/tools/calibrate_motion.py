@@ -154,11 +154,11 @@ def _drawn(
 ) -> Layout:
     """Return the rig as drawn, with the tolerances of the command line."""
     return Layout(
-        sensors,
-        geometry_from(mechanism),
-        mechanism['working_mode'],
-        radians(options.mechanism_tolerance),
-        radians(options.harmonic_tolerance),
+        sensors=sensors,
+        nominal=geometry_from(mechanism),
+        working_mode=mechanism['working_mode'],
+        mechanism_tolerance=radians(options.mechanism_tolerance),
+        harmonic_tolerance=radians(options.harmonic_tolerance),
     )
 
 
@@ -192,12 +192,12 @@ def _origin(
     if source == 'replay' and not logs:
         logs = [Path(values['replay.path'])]
     return Origin(
-        datetime.now().astimezone().isoformat(timespec='seconds'),
-        ' + '.join(path.name for path in logs) or source_text(source, values),
-        ' '.join(checksum(path) for path in logs),
-        version('spm_haptic_master'),
-        values['encoders.counts_per_turn'],
-        kept,
+        date=datetime.now().astimezone().isoformat(timespec='seconds'),
+        recording=' + '.join(path.name for path in logs) or source_text(source, values),
+        checksum=' '.join(checksum(path) for path in logs),
+        version=version('spm_haptic_master'),
+        counts_per_turn=values['encoders.counts_per_turn'],
+        settings=kept,
     )
 
 
@@ -235,7 +235,12 @@ def _verdict(
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
         checked = checked_region(found, fkm, recording[0])
-        share = published_share(found, recording, fkm, bar.stage)
+        share = published_share(
+            calibration=found,
+            recording=recording,
+            values=fkm,
+            progress=bar.stage,
+        )
     return Verdict(found, fkm.origin, limit, share, target_deg, checked)
 
 
@@ -331,11 +336,11 @@ def _calibrated(
     try:
         with ProgressBar('calibrate') as bar:
             return calibrate_motion(
-                layout,
-                stamps,
-                angles,
-                directions if isinstance(directions, (list, tuple)) else None,
-                bar.stage,
+                layout=layout,
+                stamps=stamps,
+                readings=angles,
+                given=directions if isinstance(directions, (list, tuple)) else None,
+                progress=bar.stage,
             )
     except CalibrationError as error:
         hint = _resolution_hint(layout, recording, counts_per_turn)
@@ -374,7 +379,14 @@ def _resolution_hint(
     rescaled = angles % TURN * (np.array(counts_per_turn) / smaller)
     try:
         with ProgressBar('calibrate') as bar:
-            calibrate_motion(layout, stamps, rescaled, None, bar.stage, swaps=False)
+            calibrate_motion(
+                layout=layout,
+                stamps=stamps,
+                readings=rescaled,
+                given=None,
+                progress=bar.stage,
+                swaps=False,
+            )
     except CalibrationError:
         return ''
     return (
@@ -450,10 +462,10 @@ def _mounted_by(
         )
         rows.append(
             read_still(
-                counts,
-                per_turn,
-                radians(options.noise_limit),
-                radians(options.drift_limit),
+                counts=counts,
+                counts_per_turn=per_turn,
+                noise_limit=radians(options.noise_limit),
+                drift_limit=radians(options.drift_limit),
             )[0]
         )
     return mounted(
@@ -501,7 +513,13 @@ def _captured(
     times = seconds[known]
     quaternions = kinematics.quaternion_from_matrix(found.rotation[known])
     begin = capture.time - capture.time[0]
-    fitted = align(times, quaternions, begin, capture.values, body_known=False)
+    fitted = align(
+        recorded_time=times,
+        recorded=quaternions,
+        captured_time=begin,
+        captured=capture.values,
+        body_known=False,
+    )
     rows = np.flatnonzero(known)[:: max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
     at = interpolate(fitted.recorded_time(begin), capture.values, seconds[rows])
     inside = np.isfinite(at).all(axis=1)
@@ -631,7 +649,10 @@ def _guided(
         """Show and publish the guidance; return whether the target is reached."""
         found = guide.evaluate(*recording)
         # The information there is, over that of the target: the inverse variance.
-        share = 0.0 if found.error is None else min(1.0, (target / found.error) ** 2)
+        if found.error is None:
+            share = 0.0
+        else:
+            share = min(1.0, (target / found.error) ** 2)
         text = motion_source.with_trouble(
             f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}', source
         )

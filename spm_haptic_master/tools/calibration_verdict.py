@@ -125,7 +125,10 @@ class FkmValues:
                 / values['encoders.counts_per_turn'][sensor]
             )
             angle = wrapped(values['encoders.direction'][sensor] * (readings[:, sensor] - zero))
-            found[:, sensor] = angle if harmonics is None else harmonics.angles(angle)
+            if harmonics is None:
+                found[:, sensor] = angle
+            else:
+                found[:, sensor] = harmonics.angles(angle)
         return found
 
 
@@ -307,14 +310,18 @@ def checked_region(
     """
     fkm = values.of(calibration)
     found = checkability(
-        calibration.layout.geometry(calibration.vector),
-        sigma_from(fkm),
-        limits_from(fkm),
-        calibration.region.poses(calibration.model, calibration.vector),
-        1e9 / float(np.median(np.diff(stamps))),
-        calibration.layout.working_mode,
+        geometry=calibration.layout.geometry(calibration.vector),
+        sigma=sigma_from(fkm),
+        limits=limits_from(fkm),
+        poses=calibration.region.poses(calibration.model, calibration.vector),
+        rate=1e9 / float(np.median(np.diff(stamps))),
+        working_mode=calibration.layout.working_mode,
     )
-    checked = Checked(float(fkm['alert_limit_deg']), found.share, degrees(max(found.least_limit)))
+    checked = Checked(
+        alert_limit_deg=float(fkm['alert_limit_deg']),
+        share=found.share,
+        least_limit_deg=degrees(max(found.least_limit)),
+    )
     if checked.caution and fkm['start_checked']:
         raise CalibrationError(f'start_checked is true, but {checked.caution}')
     return checked
@@ -364,7 +371,10 @@ def published_share(
         lambda done: progress('supervision of the motion', done / len(stamps)),
     )
     judged = len(stamps) - _starts(result)
-    share = float(result.published.sum()) / judged if judged else 0.0
+    if judged:
+        share = float(result.published.sum()) / judged
+    else:
+        share = 0.0
     if share < PUBLISHED:
         raise CalibrationError(
             f'with this calibration fkm publishes {100.0 * share:.1f} % of the motion, expected '
@@ -476,11 +486,11 @@ def check(options: argparse.Namespace) -> int:
     values = command_line.checked(given, SOURCE_SETTINGS[source], source)
     settings = command_line.checked(given, FKM_SETTINGS)
     stamps, angles = read_motion(
-        source,
-        values,
-        options.seconds,
-        SECONDS_DEFAULT,
-        'tilt the handle in all directions and '
+        source=source,
+        values=values,
+        given=options.seconds,
+        live_seconds=SECONDS_DEFAULT,
+        instruction='tilt the handle in all directions and '
         f'turn it both ways, for {options.seconds or SECONDS_DEFAULT:g} s; Ctrl-C ends the '
         'recording and keeps it',
     )
@@ -488,11 +498,11 @@ def check(options: argparse.Namespace) -> int:
     sigma = np.maximum(sigma_from(settings), readings.noise) / np.sqrt(readings.together)
     with ProgressBar('calibrate') as bar:
         found = CalibrationChecker(
-            sigma,
-            np.array(limits_from(settings).bias),
-            geometry_from(settings),
-            settings['working_mode'],
-            bar.stage,
+            sigma=sigma,
+            bias=np.array(limits_from(settings).bias),
+            geometry=geometry_from(settings),
+            working_mode=settings['working_mode'],
+            progress=bar.stage,
         ).check(readings.readings)
     _print(path, found, readings, settings)
     if not found.holds:

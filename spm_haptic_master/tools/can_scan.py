@@ -81,11 +81,11 @@ def main(args: list[str]) -> int:
     scan = BusScan(decoder.sync_id, [layout for layout, _ in expected.encoders])
     with command_line.bus_of(values) as bus:
         scanner = BusScanner(
-            bus,
-            scan,
-            expected.rate,
-            values['can.interface'] == ECHOING,
-            partial(print, 'can_scan:', file=sys.stderr),
+            bus=bus,
+            scan=scan,
+            rate=expected.rate,
+            echoes=values['can.interface'] == ECHOING,
+            report=partial(print, 'can_scan:', file=sys.stderr),
         )
         nodes = tuple(node_id for _, node_id in expected.encoders if node_id is not None)
         start = nodes if options.start else None
@@ -120,16 +120,16 @@ def _expected(
     """
     others, frames = _drives(given, values)
     return scan_report.Expected(
-        decoder.layouts,
-        values['encoders.node_id'] if decoder.network else None,
-        values['rate'],
-        tuple(
+        layouts=decoder.layouts,
+        node_ids=values['encoders.node_id'] if decoder.network else None,
+        rate=values['rate'],
+        axes=tuple(
             (axis.layout, None if axis.node is None else axis.node.node_id)
             for axis in decoder.axes
         ),
-        values['can.heartbeat_timeout'],
-        others,
-        frames,
+        heartbeat_timeout=values['can.heartbeat_timeout'],
+        others=others,
+        frames=frames,
     )
 
 
@@ -249,10 +249,10 @@ def _print_rig_lines(
     known = any(name in given for name in CHOSEN)
     print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
     bus = rig_lines.GivenBus(
-        values['can.interface'],
-        values['can.channel'],
-        values['can.bitrate'] if 'can.bitrate' in given else None,
-        known,
+        interface=values['can.interface'],
+        channel=values['can.channel'],
+        bitrate=values['can.bitrate'] if 'can.bitrate' in given else None,
+        chosen=known,
     )
     print('\n'.join(rig_lines.rig_lines(scan, expected, bus)))
 
@@ -284,7 +284,10 @@ def _drives(
         return {}, {}
     plan = make_plan(drives)
     names = {drive.node_id: drive.name for drive in plan.drives}
-    frames = {plan.combined_id: 'torques of all drives'} if plan.combined else {}
+    if plan.combined:
+        frames = {plan.combined_id: 'torques of all drives'}
+    else:
+        frames = {}
     for drive in plan.drives:
         frames |= {
             drive.status_id: f'status of the {drive.name}',

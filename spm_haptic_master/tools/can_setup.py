@@ -161,9 +161,9 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
     decoder = make_decoder(values)
     if decoder.network is None:
         raise SettingError(
-            'can.protocol',
-            values['can.protocol'],
-            "'canopen': other encoders have no objects",
+            name='can.protocol',
+            value=values['can.protocol'],
+            expected="'canopen': other encoders have no objects",
         )
     encoders = list(zip(decoder.layouts, values['encoders.node_id'], strict=True))
     encoders += [(axis.layout, axis.node.node_id) for axis in decoder.axes if axis.node]
@@ -184,7 +184,10 @@ def _encoders(given: Values, options: argparse.Namespace) -> Plan:
     ]
     if decoder.sync_id is None:
         print(PHASES)
-    master = None if decoder.sync_id is None else ('SYNC', decoder.sync_id)
+    if decoder.sync_id is None:
+        master = None
+    else:
+        master = ('SYNC', decoder.sync_id)
     return values, _chosen(nodes, options.joint, values['sensors']), master
 
 
@@ -252,7 +255,11 @@ def _drives(given: Values, options: argparse.Namespace) -> Plan:
     """
     values = command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING))
     if not values['drives.channel']:
-        raise SettingError('drives.channel', '', "the channel of the drives' bus")
+        raise SettingError(
+            name='drives.channel',
+            value='',
+            expected="the channel of the drives' bus",
+        )
     plan = make_plan(values)
     check_shared_bus(values, command_line.bus_values(given))
     nodes = [

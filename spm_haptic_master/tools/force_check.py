@@ -188,13 +188,13 @@ def _record(
         record(
             path,
             BringUp(
-                source,
-                drives,
-                geometry_from(values),
-                values['working_mode'],
-                sigma_from(values)[:4],
-                settings['can.timeout'],
-                lambda text: print(f'force_check: {text}', file=sys.stderr),
+                source=source,
+                drives=drives,
+                geometry=geometry_from(values),
+                working_mode=values['working_mode'],
+                sigma=sigma_from(values)[:4],
+                silence=settings['can.timeout'],
+                show=lambda text: print(f'force_check: {text}', file=sys.stderr),
             ),
             poses,
         )
@@ -259,10 +259,10 @@ def check_weight(
         return Gravity()
     left, _, right = np.linalg.svd([rotations(part, values).mean(axis=0) for part in poses])
     gravity, residual = identify_gravity(
-        left @ right,
-        [part.torque.mean(axis=0) for part in poses],
-        geometry_from(values),
-        values['working_mode'],
+        R=left @ right,
+        motor_torque=[part.torque.mean(axis=0) for part in poses],
+        geometry=geometry_from(values),
+        working_mode=values['working_mode'],
     )
     handle, links = (
         '[' + ', '.join(f'{value:.4f}' for value in moments) + ']'
@@ -350,10 +350,10 @@ def rotations(part: Part, values: Values) -> Array:
 
     """
     found: Array = estimate(
-        part.angles[:, :3],
-        part.angles[:, 3],
-        sigma_from(values)[:4],
-        geometry_from(values),
+        th1=part.angles[:, :3],
+        theta3a=part.angles[:, 3],
+        sigma=sigma_from(values)[:4],
+        geometry=geometry_from(values),
     ).rotation
     if not np.isfinite(found).all():
         raise InputError(f"part '{' '.join(part.name)}': no orientation has these angles")
@@ -388,10 +388,10 @@ def release_of(
     R = rotations(part, values)
     axis = R[0, :, DIRECTIONS.index(part.name[1])]
     statics = make_statics(
-        geometry_from(values),
-        values['working_mode'],
-        part.torque.shape[1],
-        ForceLimits(),
+        geometry=geometry_from(values),
+        working_mode=values['working_mode'],
+        motors=part.torque.shape[1],
+        limits=ForceLimits(),
     )
     weight = Weight(gravity, statics)
     net = []

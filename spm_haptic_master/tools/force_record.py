@@ -275,17 +275,13 @@ class BringUp:
 
         """
         velocity = self._motion.velocity
-        return (
-            self.nothing
-            if velocity is None
-            else tuple(
-                [
-                    clipped(
-                        stiffness * remainder(centre - angle, 2.0 * pi) - DAMPING * rate, largest
-                    )
-                    for centre, angle, rate in zip(angles, self.angles, velocity, strict=False)
-                ]
-            )
+        if velocity is None:
+            return self.nothing
+        return tuple(
+            [
+                clipped(stiffness * remainder(centre - angle, 2.0 * pi) - DAMPING * rate, largest)
+                for centre, angle, rate in zip(angles, self.angles, velocity, strict=False)
+            ]
         )
 
     def _read(self) -> tuple[int, Torques]:
@@ -420,18 +416,28 @@ def _step(bring_up: BringUp, motor: int) -> StepResponse:
     # The opposite step takes the speed away again, whatever the sign.
     stages = (
         Stage(SHOWN, lambda: nothing),
-        Stage(REST, lambda: nothing, recorded=True),
-        Stage(PUSH, lambda: alone(STEP), recorded=True),
+        Stage(
+            end=REST,
+            torques=lambda: nothing,
+            recorded=True,
+        ),
+        Stage(
+            end=PUSH,
+            torques=lambda: alone(STEP),
+            recorded=True,
+        ),
         Stage(BACK, lambda: alone(-STEP)),
         Stage(END, lambda: nothing),
     )
     _move(
-        bring_up,
-        name,
-        stages,
-        FARTHEST_STEP,
-        f'by {STEP:g} N m of the motor on {MOTOR_JOINTS[motor]} alone; is its rated torque right, '
-        'is the device balanced, and does nobody hold it?',
+        bring_up=bring_up,
+        part=name,
+        stages=stages,
+        farthest=FARTHEST_STEP,
+        remedy=(
+            f'by {STEP:g} N m of the motor on {MOTOR_JOINTS[motor]} alone; is its rated torque '
+            'right, is the device balanced, and does nobody hold it?'
+        ),
     )
     own = bring_up.rows[before:]
     return step_response(
@@ -466,11 +472,29 @@ def _release(
     """
     stages = (
         Stage(SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP)),
-        Stage(REST, lambda: bring_up.nothing, recorded=True),
-        Stage(PUSH, lambda: bring_up.about_z(torque), recorded=True),
-        Stage(END, lambda: bring_up.nothing, recorded=True),
+        Stage(
+            end=REST,
+            torques=lambda: bring_up.nothing,
+            recorded=True,
+        ),
+        Stage(
+            end=PUSH,
+            torques=lambda: bring_up.about_z(torque),
+            recorded=True,
+        ),
+        Stage(
+            end=END,
+            torques=lambda: bring_up.nothing,
+            recorded=True,
+        ),
     )
-    _move(bring_up, name, stages, FARTHEST, 'is the device balanced, and does nobody hold it?')
+    _move(
+        bring_up=bring_up,
+        part=name,
+        stages=stages,
+        farthest=FARTHEST,
+        remedy='is the device balanced, and does nobody hold it?',
+    )
 
 
 def _move(

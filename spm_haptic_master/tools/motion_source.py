@@ -121,7 +121,10 @@ def given_for_motion(
 
     """
     given = command_line.given(options, NODES, DRIVER_NAMES | FKM_NAMES)
-    source = 'replay' if options.motion else str(given.get('source', 'can'))
+    if options.motion:
+        source = 'replay'
+    else:
+        source = str(given.get('source', 'can'))
     if options.motion:
         given['replay.path'] = str(options.motion[0])
     check_source(source, nothing_to)

@@ -94,13 +94,19 @@ def main(args: list[str]) -> int:
     motion = make_motion(values)
     encoders = _encoders(values, options, decoder, motion, faults)
     drives = _drives(values, options, _of_kinds(faults, fault_injection.DRIVE_KINDS))
-    grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
+    if options.sync or decoder.sync_id is None:
+        grid = DeadlineGrid(1.0 / values['rate'])
+    else:
+        grid = None
     with ExitStack() as stack:
         record = _recording(options, motion, stack)
         bus = stack.enter_context(command_line.bus_of(values))
         runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
         _boot(runner, values, decoder)
-        loop = None if drives is None else _drive_loop(drives, values, stack)
+        if drives is None:
+            loop = None
+        else:
+            loop = _drive_loop(drives, values, stack)
         try:
             _run(runner, drives, loop, options.seconds or float('inf'))
         finally:
@@ -171,19 +177,19 @@ def _encoders(
         # The rig's are those of its encoders, not the ones that a driver corrects.
         layouts = tuple(replace(layout, harmonics=None) for layout in layouts)
     return SimulatedBus(
-        layouts,
-        node_ids,
-        motion,
-        _of_kinds(faults, fault_injection.KINDS),
-        values['sim.seed'],
-        NodeOptions(
+        layouts=layouts,
+        node_ids=node_ids,
+        motion=motion,
+        faults=_of_kinds(faults, fault_injection.KINDS),
+        seed=values['sim.seed'],
+        options=NodeOptions(
             synchronised=decoder.sync_id is not None,
             factory=options.factory,
             heartbeat=options.heartbeat,
             period=1.0 / values['rate'],
         ),
-        _quirks(options, values['sensors'], decoder.sync_id),
-        tuple(map(simulated_axis, decoder.axes)),
+        quirks=_quirks(options, values['sensors'], decoder.sync_id),
+        axes=tuple(map(simulated_axis, decoder.axes)),
     )
 
 
@@ -402,7 +408,11 @@ def _drives(
     if not any(values['drives.rated_torque']):
         taken['drives.rated_torque'] = (SIMULATED_RATED_TORQUE,)
     check_shared_bus(taken, values)
-    return SimulatedDrives(make_plan(taken), faults, options.factory)
+    return SimulatedDrives(
+        plan=make_plan(taken),
+        faults=faults,
+        factory=options.factory,
+    )
 
 
 def _add_devices(parser: Parser) -> None:

@@ -183,9 +183,9 @@ def _values(
     values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
     if values[SENSORS_SETTING.name] != sensors:
         raise SettingError(
-            SENSORS_SETTING.name,
-            values[SENSORS_SETTING.name],
-            f'{sensors}, as {path} has',
+            name=SENSORS_SETTING.name,
+            value=values[SENSORS_SETTING.name],
+            expected=f'{sensors}, as {path} has',
         )
     return values
 
@@ -427,7 +427,13 @@ def _report_axes(recorded: Recorded) -> None:
     for name, times in recorded.axes.items():
         since_begin = times - recorded.stamps[0] * 1e-9
         period = float(np.median(np.diff(seconds)))
-        print(f'  {axis_line(AxisRecord(name, since_begin, float(seconds[-1]), period))}')
+        record = AxisRecord(
+            name=name,
+            seconds=since_begin,
+            length=float(seconds[-1]),
+            period=period,
+        )
+        print(f'  {axis_line(record)}')
 
 
 def _report(recorded: Recorded, result: Supervised) -> None:

@@ -56,6 +56,9 @@ def main(args: list[str]) -> int:
         GEOMETRY_SETTINGS,
     )
     output = options.output
-    prefix = output.absolute().as_uri() if options.prefix is None else options.prefix
+    if options.prefix is None:
+        prefix = output.absolute().as_uri()
+    else:
+        prefix = options.prefix
     print(write(geometry_from(values), output, prefix))
     return 0

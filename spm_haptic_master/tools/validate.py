@@ -55,15 +55,14 @@ def main(args: list[str]) -> int:
     from spm_haptic_master.validation import plot_style
 
     recorded = recordings.read_orientation(options.recording, options.topic)
-    joints = (
-        recordings.read_joints(
+    if options.joints or bags.is_bag(options.recording):
+        joints = recordings.read_joints(
             options.joints or options.recording,
             options.joints_topic,
             '--joints-topic',
         )
-        if options.joints or bags.is_bag(options.recording)
-        else None
-    )
+    else:
+        joints = None
     capture = recordings.read_capture(options.capture, options.capture_topic)
     azimuth_c, azimuth_d = map(math.radians, options.marker_azimuths)
     result = comparison.compare(

@@ -123,10 +123,10 @@ class View(ParameterNode):
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
                 self._arms[namespace] = Arm(
-                    self,
-                    self._taker,
-                    self._page,
-                    namespace,
+                    node=self,
+                    taker=self._taker,
+                    page=self._page,
+                    namespace=namespace,
                 )
         if set(self._arms) != before:
             self._arrange()

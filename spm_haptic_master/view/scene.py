@@ -122,12 +122,16 @@ class Scene:
         self._add_platform()
         self._add_encoders()
         self.dome = Dome(
-            scene,
-            self._fixed_rest.name,
-            geometry,
-            working_mode,
+            scene=scene,
+            root=self._fixed_rest.name,
+            geometry=geometry,
+            working_mode=working_mode,
         )
-        self.ghost = Ghost(scene, self._turned_rest.name, self._shapes['platform'])
+        self.ghost = Ghost(
+            scene=scene,
+            root=self._turned_rest.name,
+            platform=self._shapes['platform'],
+        )
         self._add_level()
         self.torques = [
             surfaces.add(
@@ -211,10 +215,10 @@ class Scene:
         platform = solids.together(self._shapes['platform'], flag())
         self._add_coloured(f'{turned}/solid', platform, [css('platform')])
         self._add_coloured(
-            f'{turned}/axes',
-            solids.cylinder(AXIS),
-            AXIS_COLOURS,
-            np.eye(3),
+            path=f'{turned}/axes',
+            solid=solids.cylinder(AXIS),
+            colours=AXIS_COLOURS,
+            axes=np.eye(3),
         )
 
     def _add_encoders(self) -> None:

@@ -256,4 +256,6 @@ def _sensor_state(
         return SensorState.EXCLUDED
     if unchecked is None:
         return SensorState.UNKNOWN
-    return SensorState.UNCHECKED if unchecked > UNCHECKED_AFTER else SensorState.HEALTHY
+    if unchecked > UNCHECKED_AFTER:
+        return SensorState.UNCHECKED
+    return SensorState.HEALTHY

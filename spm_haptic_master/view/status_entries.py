@@ -99,7 +99,9 @@ class StatusEntries:
 
         """
         entry, came = self._entries.get(name, (None, 0.0))
-        return entry if self.now - came <= ENTRY_TIMEOUT else None
+        if self.now - came <= ENTRY_TIMEOUT:
+            return entry
+        return None
 
     def texts(self, name: str) -> dict[str, str]:
         """Return the values of an entry by key; none without one."""

@@ -244,7 +244,9 @@ class DeviceTopics:
             return None
         self._truth.subscribe()
         message = self._truth.take()
-        return None if message is None else messages.orientation(message)
+        if message is None:
+            return None
+        return messages.orientation(message)
 
     def _take_dexterity(self) -> None:
         """Take the newest dexterities."""

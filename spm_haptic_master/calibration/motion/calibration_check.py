@@ -221,7 +221,11 @@ class CalibrationChecker:
         if evaluation is not None and not any(each.explains for each in found):
             several = self._several(angles)
             if several is not None:
-                return Check(evaluation, usable, several=several)
+                return Check(
+                    evaluation=evaluation,
+                    usable=usable,
+                    several=several,
+                )
         near = _best(found, evaluation.freedom if evaluation is not None else 0)
         candidates = tuple(each for each in near if each.fits)
         is_isolated = len(near) == 1 and near[0].fits
@@ -457,7 +461,9 @@ class CalibrationChecker:
             if found is None:
                 return None
             if np.abs(found.together).max() < REFINED:
-                return slips if found.misfit <= found.limit else None
+                if found.misfit <= found.limit:
+                    return slips
+                return None
             slips = slips + found.together
         return None
 

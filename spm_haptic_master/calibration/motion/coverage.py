@@ -109,16 +109,20 @@ class Region:
 
         """
         return _reachable(
-            model,
-            vector,
-            np.linspace(0.0, self.tilt_deg, TILTS),
-            AZIMUTHS,
-            np.linspace(self.from_deg, self.to_deg, TURNS),
+            model=model,
+            vector=vector,
+            tilts_deg=np.linspace(0.0, self.tilt_deg, TILTS),
+            azimuths=AZIMUTHS,
+            turns_deg=np.linspace(self.from_deg, self.to_deg, TURNS),
         )
 
 
 # Where a calibration has to be right.
-WORKSPACE = Region(16.0, 0.0, 80.0)
+WORKSPACE = Region(
+    tilt_deg=16.0,
+    from_deg=0.0,
+    to_deg=80.0,
+)
 
 
 def region_of(rotation: Array) -> Region:

@@ -428,29 +428,29 @@ def search_zeros(
     quaternions = random.normal(size=(ORIENTATIONS * count, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
     angles = sensor_angles(
-        matrix_from_quaternion(quaternions),
-        nominal,
-        layout.working_mode,
-        4,
+        rotation=matrix_from_quaternion(quaternions),
+        geometry=nominal,
+        working_mode=layout.working_mode,
+        sensors=4,
     )
     angles = angles[np.isfinite(angles).all(axis=1)][:count]
     found = []
     for direction in product((1, -1), repeat=4):
         turned = readings * np.array(direction)
         zeros, cost, damping = _improve(
-            turned,
-            turned[0] - angles,
-            np.full(len(angles), DAMPING),
-            nominal,
-            FIRST_STEPS,
+            turned=turned,
+            zeros=turned[0] - angles,
+            damping=np.full(len(angles), DAMPING),
+            nominal=nominal,
+            steps=FIRST_STEPS,
         )
         best = np.argsort(cost)[: max(1, int(BETTER * count))]
         zeros, _, _ = _improve(
-            turned,
-            zeros[best],
-            damping[best],
-            nominal,
-            STEPS,
+            turned=turned,
+            zeros=zeros[best],
+            damping=damping[best],
+            nominal=nominal,
+            steps=STEPS,
         )
         distance, *_ = _distance(turned, zeros, nominal)
         misfit = np.median(np.abs(distance), axis=1)

@@ -234,10 +234,10 @@ def parity_of_sample(
     sensors = len(angles)
     rates = np.array(rows[:sensors]) / np.array(diagonal[:sensors])[:, None]
     return projected(
-        np.ones(1, bool),
-        residual[None],
-        rates[None],
-        sigma,
+        usable=np.ones(1, bool),
+        residual=residual[None],
+        rates=rates[None],
+        sigma=sigma,
     )
 
 
