@@ -209,7 +209,7 @@ def mounting(
         ('published_share', 1.0),
         ('write_report', ''),
     ):
-        monkeypatch.setattr(calibrate_motion, name, lambda *_, result=result: result)
+        monkeypatch.setattr(calibrate_motion, name, lambda *_, result=result, **__: result)
     monkeypatch.setattr(calibrate_motion, 'supported', lambda found, _: (found, 30.0))
     output = tmp_path / 'c.yaml'
 
@@ -478,13 +478,8 @@ def test_recordings_of_two_motions_are_joined(
     )
     taken = {}
 
-    def stop(
-        layout,
-        stamps,
-        angles,
-        *_,
-    ):
-        taken.update(stamps=stamps, angles=angles)
+    def stop(stamps, readings, **_):
+        taken.update(stamps=stamps, angles=readings)
         raise CalibrationError('stop')
 
     monkeypatch.setattr(calibrate_motion, 'calibrate_motion', stop)

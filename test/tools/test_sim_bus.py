@@ -131,7 +131,7 @@ def test_the_encoders_have_the_harmonics_of_their_rig_once(monkeypatch, of_the_r
     """Also where it reads the same file as the driver that corrects them."""
     seen = []
 
-    def stop(layouts, *rest):
+    def stop(layouts, **_):
         seen.extend(layouts)
         raise KeyboardInterrupt
 
