@@ -41,7 +41,8 @@ class Anchor:
         self._speed = speed
         # Largest total deviation of an orientation that another may continue, rad: neither noise
         # nor bias of a sensor takes it to where two solutions meet.
-        self._largest = 0.5 * sigma / sqrt(FOLD * (TURN_DEVIATIONS * sigma + bias))
+        reading_error = TURN_DEVIATIONS * sigma + bias
+        self._largest = 0.5 * sigma / sqrt(FOLD * reading_error)
         self.stamp: int | None = None
         self._quaternion: Quaternion[float] | None = None
 
@@ -125,9 +126,9 @@ class Anchor:
             The same orientation, with the sign of the quaternion that is nearer to the last one.
 
         """
-        last = self._quaternion or quaternion
+        last_x, last_y, last_z, last_w = self._quaternion or quaternion
         x, y, z, w = quaternion
-        if x * last[0] + y * last[1] + z * last[2] + w * last[3] < 0.0:
+        if x * last_x + y * last_y + z * last_z + w * last_w < 0.0:
             quaternion = -x, -y, -z, -w
         self.stamp = stamp if deviation <= self._largest else None
         self._quaternion = quaternion
@@ -144,7 +145,9 @@ def within(
 
     Of unit quaternions, either sign: 1 - (p . q)^2 is sin^2 of half the turn between them.
     """
-    cosine = one[0] * other[0] + one[1] * other[1] + one[2] * other[2] + one[3] * other[3]
+    x, y, z, w = one
+    other_x, other_y, other_z, other_w = other
+    cosine = x * other_x + y * other_y + z * other_z + w * other_w
     # sin(half the turn)^2; angle / 2 is its upper bound, sin(angle / 2) exact for large angles.
     half = 0.5 * angle
     reach = half if half < 0.1 else sin(min(half, 0.5 * pi))

@@ -126,7 +126,8 @@ def checkability(
         poses = region_poses(WORKSPACE_TILT, *WORKSPACE_TURNS)
     sensors = UsedSensors(sigma)
     samples = max(WINDOW_SAMPLES, limits.window * rate)
-    reach = (limits.threshold(sensors.count - 3) + MISSED_DETECTION) / sqrt(samples)
+    threshold = limits.threshold(sensors.count - 3)
+    reach = (threshold + MISSED_DETECTION) / sqrt(samples)
     noise = (1.0,) * len(sigma)
     parts = []
     for pose in poses:
@@ -141,10 +142,12 @@ def checkability(
         worth = integrity(estimate, limits.bias, noise, limits.parity_bias)
         parts.append(worth.levels(reach))
     if not parts:
-        return Checkability((0.0,) * len(sigma), (inf,) * len(sigma))
+        nowhere = (0.0,) * len(sigma)
+        return Checkability(share=nowhere, least_limit=(inf,) * len(sigma))
     table = np.array(parts)
     share = np.mean(table <= limits.alert_limit, axis=0)
-    return Checkability(tuple(share.tolist()), tuple(np.min(table, axis=0).tolist()))
+    least = np.min(table, axis=0)
+    return Checkability(share=tuple(share.tolist()), least_limit=tuple(least.tolist()))
 
 
 def unchecked_anywhere(values: Values) -> str:

@@ -133,11 +133,12 @@ def _explains(jumped: Collection[int], symptoms: list[Symptom]) -> bool:
     """
     if not jumped:
         return False
-    return all(
-        symptom.severity is Severity.WITHHOLD
-        or (symptom.reason in OF_A_JUMP and (symptom.sensor is None or symptom.sensor in jumped))
-        for symptom in symptoms
-    )
+    for symptom in symptoms:
+        is_of_jump = symptom.reason in OF_A_JUMP
+        is_other = symptom.sensor is not None and symptom.sensor not in jumped
+        if symptom.severity is not Severity.WITHHOLD and (is_other or not is_of_jump):
+            return False
+    return True
 
 
 def _names(sensors: Collection[int]) -> str:
@@ -245,7 +246,7 @@ class FaultLatch:
     def _suspects(self, fault: Fault) -> tuple[int, ...]:
         """Return the sensors that have to be checked: the isolated one, or all in use."""
         sensor = fault.symptom.sensor
-        return self._sensors.used.sensors.used if sensor is None else (sensor,)
+        return self._sensors.used.places if sensor is None else (sensor,)
 
     def clears(self, exposure: Exposure, stamp: int) -> bool:
         """
@@ -344,7 +345,7 @@ class FaultLatch:
 
     def _count(self, stamp: int, symptoms: list[Symptom]) -> None:
         """Count a bad sample at a stamp, ns, and a run of them that begins with it."""
-        alone = self._joints.alone(self._sensors.used.sensors.used)
+        alone = self._joints.alone(self._sensors.used.places)
         if not self._bad or stamp - self._last_bad > RUN_GAP:
             self._bad = 0
             if self.fault is None:
@@ -368,8 +369,8 @@ class FaultLatch:
         reason = cause.reason
         if cause.sensor is None and sensor in self._alone:
             reason = Reason.JUMPED
-        left = self._joints.left(self._sensors.used.sensors.used)
-        self.latch(sample.stamp, cause._replace(reason=reason, sensor=sensor), left)
+        symptom = cause._replace(reason=reason, sensor=sensor)
+        self.latch(sample.stamp, symptom, self._joints.left(self._sensors.used.places))
         return sensor
 
     def _widen(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
@@ -380,7 +381,7 @@ class FaultLatch:
         fault.last_bad = sample.stamp
         fault.agreed_from = None
         fault.waiting = ()
-        for left in self._joints.left(self._sensors.used.sensors.used):
+        for left in self._joints.left(self._sensors.used.places):
             fault.jumped.setdefault(left, self._joints.departure(left))
         named = {symptom.sensor for symptom in symptoms} - {None}
         # One parity shows a second fault, and not which.
@@ -413,10 +414,10 @@ class FaultLatch:
 
     def latch_suspected(self, stamp: int, jumps: list[Symptom]) -> None:
         """Latch jumps that a pause has hidden; in a series of bad samples they are no evidence."""
-        if jumps and self.fault is None and not self.is_series:
-            self.onset = stamp
-            self.latch(
-                stamp,
-                jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
-                self._joints.left(self._sensors.used.sensors.used),
-            )
+        if not jumps or self.fault is not None or self.is_series:
+            return
+        symptom = jumps[0]
+        if len(jumps) > 1:
+            symptom = symptom._replace(sensor=None)
+        self.onset = stamp
+        self.latch(stamp, symptom, self._joints.left(self._sensors.used.places))

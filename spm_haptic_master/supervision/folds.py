@@ -101,7 +101,7 @@ class Folds:
         turn = self._bend(parts, used, worth, change)
         here = estimate.quaternion
         if self._at is None or not within(self._at, here, turn):
-            for sensor in used.sensors.used:
+            for sensor in used.places:
                 self._curvatures[sensor] = used.solver.curvature(estimate, sensor)
             self._at = here
             parts = used.levels(worth)
@@ -127,7 +127,7 @@ class Folds:
         self.nearest = inf
         healthy = worth.healthy
         slopes = worth.slopes
-        for sensor in used.sensors.used:
+        for sensor in used.places:
             linear = parts[sensor] - healthy
             if linear == inf:
                 self._distances[sensor] = 0.0

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 from math import hypot, nan, pi, remainder, sqrt
+from typing import NamedTuple
 
 # Alpha-beta filter of a joint, for a sensor of unit variance and a period of 1. The variances are
 # those of the steady state (Kalata 1984), the gains (unit 1) have the least transient for alpha
@@ -91,6 +92,22 @@ class Step(IntEnum):
     CERTAIN = 2  # it moved faster than a human, or three readings do not contradict that
 
 
+class LeftMotion(NamedTuple):
+    """The motion that a joint left."""
+
+    angle: float  # rad, of the latest reading on it
+    velocity: float  # rad/s
+    elapsed: float  # s since that reading
+
+
+class Departure(NamedTuple):
+    """The first reading off a motion."""
+
+    reading: float  # rad
+    elapsed: float  # s since the latest reading on the motion
+    step: float  # change of the reading, rad
+
+
 class JointMonitor:
     """
     Position and velocity of one joint by an alpha-beta filter, and what contradicts them.
@@ -164,9 +181,8 @@ class JointMonitor:
         self._angle = self.velocity = self.since = self.innovation = 0.0
         self.distance = 0.0
         self._last_innovation = nan
-        # Angle, velocity, time of the motion that it left; first reading off it, time then, step.
-        self._left: tuple[float, float, float] | None = None
-        self._step = 0.0, 0.0, 0.0
+        self._left: LeftMotion | None = None
+        self._departure = Departure(reading=0.0, elapsed=0.0, step=0.0)
         self.step = Step.NONE
 
     def allow(self, sigma: float) -> None:
@@ -201,9 +217,9 @@ class JointMonitor:
         limit: a human in motion does not leave his motion.
         """
         periods = dt / period if dt > period else 1.0
-        return self._threshold * deviation(
-            periods
-        ) * self._allowed + self._acceleration * period * period * lag(periods)
+        noise = self._threshold * deviation(periods) * self._allowed
+        human = self._acceleration * period * period * lag(periods)
+        return noise + human
 
     def follow(
         self,
@@ -333,7 +349,8 @@ class JointMonitor:
         size = abs(innovation)
         if size > limit and is_late:
             # It may have stopped meanwhile, or the reading be as old as the last sample.
-            size = outside(remainder(reading - self._angle, TURN), self.velocity * elapsed)
+            moved = remainder(reading - self._angle, TURN)
+            size = outside(moved, self.velocity * elapsed)
         periods = max(elapsed / period, 1.0)
         self.distance = size
         self.innovation = size * deviation(1.0) / (self._scale * deviation(periods))
@@ -365,68 +382,62 @@ class JointMonitor:
 
     def _leave(self, reading: float, change: float, elapsed: float) -> None:
         """Remember the motion that the joint leaves, and the step by which it does so."""
-        self._left = self._angle, self.velocity, elapsed
-        self._step = reading, elapsed, change
+        self._left = LeftMotion(angle=self._angle, velocity=self.velocity, elapsed=elapsed)
+        self._departure = Departure(reading=reading, elapsed=elapsed, step=change)
         self.away = 1
         self.departures += 1
-        self.step = (
-            Step.CERTAIN
-            if abs(change) > self._speed * elapsed + self._noise_limit
-            else Step.SUSPECTED
-        )
+        is_certain = abs(change) > self._speed * elapsed + self._noise_limit
+        self.step = Step.CERTAIN if is_certain else Step.SUSPECTED
 
     def _is_away(
         self,
-        left: tuple[float, float, float],
+        left: LeftMotion,
         reading: float,
         last: float,
         dt: float,
         period: float,
     ) -> bool:
         """Compare a reading with the motion that the joint left; whether the sample is done."""
-        angle, velocity, elapsed = left
-        elapsed += dt
-        innovation = remainder(reading - angle - velocity * elapsed, TURN)
-        self.distance = abs(innovation)
+        elapsed = left.elapsed + dt
+        self.distance = abs(remainder(reading - left.angle - left.velocity * elapsed, TURN))
         self.innovation = self.distance / self._scale
         # It jumped, and jumped back: a joint that drifts across its old motion has not returned.
         change = abs(remainder(reading - last, TURN))
-        if (
-            elapsed <= RETURN_TIME
-            and abs(innovation) <= RETURN_FRACTION * self.limit(elapsed, period)
-            and change > RETURN_FRACTION * self.limit(period, period) + abs(velocity) * dt
-        ):
-            self._angle = reading
-            self.velocity = velocity
-            self._known = 2
-            self._left = None
-            self.away = 0
-            self.step = Step.NONE
-            self.returned = self.departures
+        jump = RETURN_FRACTION * self.limit(period, period) + abs(left.velocity) * dt
+        is_near = self.distance <= RETURN_FRACTION * self.limit(elapsed, period)
+        if elapsed <= RETURN_TIME and is_near and change > jump:
+            self._return_to(reading, left.velocity)
             return True
         self.away += 1
         if self.away <= AWAY_SAMPLES:
-            self._check_step(reading, velocity, elapsed)
+            self._check_step(reading, left.velocity, elapsed)
         elif self.away > STEP_SAMPLES:
             self.step = Step.NONE
         # A pause may hide whether it was a step: that is decided with this reading.
-        self._left = None if elapsed > RETURN_TIME else (angle, velocity, elapsed)
+        self._left = None if elapsed > RETURN_TIME else left._replace(elapsed=elapsed)
         if self.away == AWAY_SAMPLES or self._left is None:
             # Follow it from where it is.
             self._known = 0
         return self.away < AWAY_SAMPLES and self._left is not None
 
+    def _return_to(self, reading: float, velocity: float) -> None:
+        """Continue the motion that the joint left, with a reading on it."""
+        self._angle = reading
+        self.velocity = velocity
+        self._known = 2
+        self._left = None
+        self.away = 0
+        self.step = Step.NONE
+        self.returned = self.departures
+
     def _check_step(self, reading: float, velocity: float, elapsed: float) -> None:
         """Compare the motion after a step with that before it: an impact continues."""
-        first, began, step = self._step
-        elapsed -= began
-        change = remainder(reading - first - velocity * elapsed, TURN)
-        if (
-            change * step > 0.0
-            and abs(change)
-            > self._threshold * ROOT_TWO * self._allowed
-            + 0.5 * self._acceleration * elapsed * elapsed
-        ):
+        first = self._departure
+        elapsed -= first.elapsed
+        change = remainder(reading - first.reading - velocity * elapsed, TURN)
+        noise = self._threshold * ROOT_TWO * self._allowed
+        human = 0.5 * self._acceleration * elapsed * elapsed
+        if change * first.step > 0.0 and abs(change) > noise + human:
             self.step = Step.NONE
         elif self.away == AWAY_SAMPLES and self.step:
             self.step = Step.CERTAIN

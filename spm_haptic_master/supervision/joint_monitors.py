@@ -154,8 +154,10 @@ class JointMonitors:
         """
         left = self.left(used)
         others = [sensor for sensor in used if sensor not in left]
-        quiet = all(self.samples - self._disturbed[sensor] >= samples for sensor in others)
-        return left if others and quiet and not (self._vibrates and samples > 1) else []
+        latest = self.samples - samples
+        are_quiet = all(self._disturbed[sensor] <= latest for sensor in others)
+        is_vibration = self._vibrates and samples > 1
+        return left if others and are_quiet and not is_vibration else []
 
     def jumps(
         self,
@@ -200,7 +202,9 @@ class JointMonitors:
         if sensor is None:
             return False
         joint = self._joints[sensor]
-        return joint.returned == (joint.departures if departure is None else departure) > 0
+        if departure is None:
+            departure = joint.departures
+        return joint.returned == departure > 0
 
     def follow_noise(self, bounds: Callable[[], list[float]]) -> None:
         """

@@ -149,7 +149,8 @@ def read_state(text: str) -> OrientationState | None:
         state = OrientationState(Condition(word), why)
     except ValueError:
         return None
-    return state if state.text == text and bool(why) is (state.condition in EXPLAINED) else None
+    is_explained = state.condition in EXPLAINED
+    return state if state.text == text and bool(why) is is_explained else None
 
 
 def received_state(text: str) -> OrientationState:

@@ -109,8 +109,9 @@ def _plain(value: Any) -> Any:
         return value.ravel().tolist() if value.ndim else value.item()
     if isinstance(value, (list, tuple)):
         plain = [_plain(each) for each in value]
-        rows = [each for each in plain if isinstance(each, list)]
-        return [number for row in rows for number in row] if len(rows) == len(plain) else plain
+        if all(isinstance(each, list) for each in plain):
+            return [number for row in plain for number in row]
+        return plain
     return value
 
 
@@ -141,7 +142,8 @@ def run(
         np.full((n, sensors), np.inf),
     )
     announced = None
-    for index, (stamp, row) in enumerate(zip(times.tolist(), readings.tolist(), strict=True)):
+    samples = zip(times.tolist(), readings.tolist(), strict=True)
+    for index, (stamp, row) in enumerate(samples):
         if progress is not None and index % PROGRESS_SAMPLES == 0:
             progress(index)
         verdict = supervisor.take(stamp, tuple(row))
@@ -178,7 +180,8 @@ def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArra
         )
     if readings.dtype.kind not in 'fiu':
         raise InputError(f'angles of type {readings.dtype}: expected real numbers (rad)')
-    if readings.shape not in [(len(times), sensors) for sensors in SENSORS_SETTING.allowed]:
+    shapes = [(len(times), sensors) for sensors in SENSORS_SETTING.allowed]
+    if readings.shape not in shapes:
         raise InputError(
             f'angles have shape {readings.shape}: expected ({len(times)}, N) with N = 4, 5 or 6'
         )

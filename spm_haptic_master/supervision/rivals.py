@@ -80,11 +80,15 @@ class Interval(NamedTuple):
         if self.high - self.low < 2.0 * pi:
             middle = 0.5 * (self.low + self.high)
             value = middle + remainder(value - middle, 2.0 * pi)
-        return Interval(max(self.low, value - margin), min(self.high, value + margin))
+        low = max(self.low, value - margin)
+        high = min(self.high, value + margin)
+        return Interval(low, high)
 
     def joined(self, other: Interval) -> Interval:
         """Return the smallest interval that has both."""
-        return Interval(min(self.low, other.low), max(self.high, other.high))
+        low = min(self.low, other.low)
+        high = max(self.high, other.high)
+        return Interval(low, high)
 
     @property
     def is_empty(self) -> bool:
@@ -230,8 +234,8 @@ class Rivals:
             self._parts = [inf] * self._count
             self.unseen = {}
             return [inf] * self._count
-        if used.sensors.used != self._used:
-            self._change_sensors(used.sensors.used)
+        if used.places != self._used:
+            self._change_sensors(used.places)
         here = Place(sample.stamp, estimate.quaternion)
         parts = self._folds.parts(used, estimate, used.worth)
         self._parts = list(parts)
@@ -492,8 +496,10 @@ class Rivals:
         solutions, but behind a fold, which the part of the sensor allows for.
         """
         place = rival.place
+        if self._sensors.used.entries > 1:
+            return 1
         is_near = place is not None and self._speed * sample.since(place.stamp) <= SAME_TURN
-        return 1 if is_near or self._sensors.used.entries > 1 else MISSES
+        return 1 if is_near else MISSES
 
     def _waiting(self, here: Place, parts: list[float]) -> list[Rival]:
         """
@@ -602,7 +608,8 @@ class Rivals:
         threshold = self._sensors.used.threshold
         margin = threshold * noise * fault.deviation + fault.bias
         rival.offset = rival.offset.narrowed(fault.fault, margin)
-        rival.way = max(abs(remainder(fault.fault, 2.0 * pi)) - margin, 0.0)
+        step = abs(remainder(fault.fault, 2.0 * pi))
+        rival.way = max(step - margin, 0.0)
         sigma = solution.sensors.sigma[sensor]
         rival.stuck = rival.stuck.narrowed(reading, threshold * noise * sigma)
 
@@ -619,9 +626,10 @@ class Rivals:
         """
         if rival.offset.is_empty and rival.stuck.is_empty:
             return True
-        return rival.place is not None and within(
-            rival.place.quaternion, here.quaternion, min(parts[rival.sensor], self._limit)
-        )
+        if rival.place is None:
+            return False
+        part = min(parts[rival.sensor], self._limit)
+        return within(rival.place.quaternion, here.quaternion, part)
 
     def _track(
         self,
@@ -674,4 +682,5 @@ class Rivals:
                 continue
             apart = rotation_distance(rival.place.quaternion, here.quaternion)
             moved = rotation_distance(rival.at, here.quaternion)
-            parts[rival.sensor] = max(parts[rival.sensor], apart + moved + rival.healthy)
+            part = apart + moved + rival.healthy
+            parts[rival.sensor] = max(parts[rival.sensor], part)

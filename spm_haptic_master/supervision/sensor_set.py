@@ -262,6 +262,8 @@ class SensorSet:
     ----------
     sensors : UsedSensors
         Those in use.
+    places : tuple of int
+        Their places in ALL_JOINT_NAMES.
     entries : int
         Length of the parity vector: the number of sensors in use beyond three. None with three,
         which cannot contradict each other.
@@ -284,6 +286,7 @@ class SensorSet:
         left_out: Collection[int] = (),
     ) -> None:
         self.sensors = UsedSensors(sigma, left_out)
+        self.places = self.sensors.used
         self.entries = self.sensors.count - 3
         self.estimate: SampleEstimate | None = None
         self.worth: Integrity | None = None
@@ -385,7 +388,8 @@ class SensorSet:
         if not self.entries:
             return True
         worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
-        return hypot(*estimate.parity_vector) <= self._window.limit(worth.noise, worth.bias)
+        parity = hypot(*estimate.parity_vector)
+        return parity <= self._window.limit(worth.noise, worth.bias)
 
     def near(self, sample: Sample, quaternion: Quaternion[float]) -> SampleEstimate | None:
         """Return the solution next to an orientation if the sensors in use agree there."""
@@ -447,7 +451,8 @@ class SensorSet:
         factors = sample.factors
         if estimate is None or max(factors) <= 1.0:
             return None
-        nominal = integrity(estimate, sample.bias, (1.0,) * len(sigma), sample.parity_bias)
+        configured_noise = (1.0,) * len(sigma)
+        nominal = integrity(estimate, sample.bias, configured_noise, sample.parity_bias)
         parts = self.levels(nominal)
 
         def excess(sensor: int) -> float:
@@ -455,7 +460,7 @@ class SensorSet:
             noise = factors[sensor] * sigma[sensor]
             return MISSED_DETECTION * noise * estimate.gain_sizes[sensor] / parts[sensor]
 
-        noisiest = max(self.sensors.used, key=excess)
+        noisiest = max(self.places, key=excess)
         if excess(noisiest) <= 1.0:
             return None
         noise = degrees(factors[noisiest] * sigma[noisiest])

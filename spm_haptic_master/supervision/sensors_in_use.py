@@ -146,17 +146,19 @@ class SensorsInUse:
 
     def _too_few(self, angles: Angles) -> Symptom | None:
         """Return why the sensors in use do not suffice."""
-        missing = self.missing
-        fewest = min(FOUR, self._limits.fewest_sensors)
-        if len(angles) - len(missing) < FOUR or len(angles) - len(self.left_out) < fewest:
-            return withheld(Reason.MISSING, f'{list(angles)} rad', *missing[:1])
-        return None
+        read = len(angles) - len(self.missing)
+        used = len(angles) - len(self.left_out)
+        if read >= FOUR and used >= min(FOUR, self._limits.fewest_sensors):
+            return None
+        first = self.missing[0] if self.missing else None
+        return withheld(Reason.MISSING, f'{list(angles)} rad', first)
 
     def _distrust_missing(self, place: int) -> None:
         """Distrust a sensor without readings if four are left; end its trial."""
+        not_used = {*self.missing, *self.distrusted}
         if place in self.distrusted:
             self.distrusted[place].trial = None
-        elif len(self._gone) - len({*self.missing, *self.distrusted}) >= FOUR:
+        elif len(self._gone) - len(not_used) >= FOUR:
             self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
 
     # Trials --------------------------------------------------------------------------------------
@@ -184,7 +186,8 @@ class SensorsInUse:
                 is_less = set(self.distrusted) <= set(key)
                 if is_less and place is not None and sample.stamp - place.stamp <= fresh:
                     since = place.stamp
-                trial = self._trials[key] = Trial(self.without(*key), place, since)
+                trial = Trial(self.without(*key), place, since)
+                self._trials[key] = trial
             trial.follow(sample, self._limits.joint_speed)
 
     @property
@@ -240,7 +243,7 @@ class SensorsInUse:
 
     def _without_one(self) -> Iterator[tuple[int, Trial]]:
         """Yield each sensor in use with the trial of the others, if there is one."""
-        for sensor in self.used.sensors.used:
+        for sensor in self.used.places:
             trial = self._trials.get(tuple(sorted({*self.distrusted, sensor})))
             if trial is not None:
                 yield sensor, trial

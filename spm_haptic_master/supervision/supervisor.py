@@ -181,7 +181,9 @@ class Supervisor:
             symptoms += self._jumps(is_gap, any_step=is_gap or bool(symptoms))
         else:
             self._note_undisturbed(sample.stamp)
-        return self._bad(sample, tick, symptoms) if symptoms else self._consistent(sample, tick)
+        if symptoms:
+            return self._bad(sample, tick, symptoms)
+        return self._consistent(sample, tick)
 
     def _withhold_old(self, tick: Tick) -> Verdict:
         """Withhold a sample whose stamp does not grow; restart if the clock was set back."""
@@ -325,7 +327,7 @@ class Supervisor:
             for sensor in (*self._hidden, *born)
             if any_step or self.joints.distance(sensor) >= self._least_step(sensor, born)
         }
-        return self.joints.jumps(self._sensors.used.sensors.used, hidden, is_gap)
+        return self.joints.jumps(self._sensors.used.places, hidden, is_gap)
 
     def _least_step(self, sensor: int, born: Collection[int]) -> float:
         """Return the least step of a sensor that the parity may not show, rad."""
@@ -520,7 +522,8 @@ class Supervisor:
 
     def _withhold(self, cause: Symptom | None) -> Verdict:
         """Return the verdict of a sample that is not published, and let the state follow."""
-        self._state.enter(self._clock.now, self.latch.words or self._interruption(), cause, '')
+        why = self.latch.words or self._interruption()
+        self._state.enter(self._clock.now, why, cause, '')
         return Verdict(self._state.announced, None, inf, cause)
 
     def _interruption(self) -> str:
