@@ -225,12 +225,14 @@ class ForceController:
 
     def _count_energy(self, sample: ForceSample, dt: float) -> None:
         """Count the work of the motors since the last sample."""
-        work = self._motion.work(sample.stamp, sample.angles, self._before.motor_torque, dt)
+        in_force = self._before.motor_torque
+        work = self._motion.work(sample.stamp, sample.angles, in_force, dt)
         if work is None:
             return
         if self._before.weight is not NOTHING or dt > LONG_PERIOD:
             work += self._work_beside(sample.quaternion, dt)
-        self._energy.count(work, added(self._handle.asked, self._support.end_stop), dt)
+        asked = added(self._handle.asked, self._support.end_stop)
+        self._energy.count(work, asked, dt)
         if self._state is ENGAGED or self._state is HOLDING:
             self._energy.use(dt)
         if sample.velocity is not None and hypot(*sample.velocity) < REST_SPEED:
@@ -243,10 +245,12 @@ class ForceController:
         turn = vector_from_quaternion(*multiply_quaternions(quaternion, conjugate(self._pose)))
         # The ideal weight torque is conservative: only the motors' deviation from it is work.
         work = -dot(self._before.weight, turn)
-        if dt > LONG_PERIOD and self._before.wrench is not None and self._last.wrench is not None:
+        before = self._before.wrench
+        last = self._last.wrench
+        if dt > LONG_PERIOD and before is not None and last is not None:
             # For the rest of the period the torque of the last sample was in force. That of a lock
             # or of damping has the noise of the last angles, which would count as work.
-            change = subtracted(self._last.wrench, self._before.wrench)
+            change = subtracted(last, before)
             work += (1.0 - LATENCY / dt) * dot(change, turn)
         return work
 

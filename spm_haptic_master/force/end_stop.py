@@ -54,7 +54,9 @@ class EndStop:
     def __init__(self, geometry: Geometry, limits: ForceLimits, rates: MotorRates) -> None:
         self._rates = rates
         self._begin = limits.end_stop
-        self._stiffness = min(STIFFNESS, limits.torque / limits.end_stop) if self._begin else 0.0
+        self._stiffness = 0.0
+        if self._begin:
+            self._stiffness = min(STIFFNESS, limits.torque / self._begin)
         self._ends = [LegEnds(leg, 2.0 * self._begin) for leg in geometry.legs]
 
     def torque(self, velocity: Vector[float] | None) -> Vector[float]:
@@ -81,10 +83,14 @@ class EndStop:
         angle = acos(pose.u)
         normal = scaled(1.0 / sqrt(pose.divisor), pose.normal)
         lead = LEAD * dot(normal, velocity)
-        stretched = max(0.0, self._begin - (ends.stretched - angle) + lead)
-        folded = max(0.0, self._begin - (angle - ends.folded) - lead)
+        to_stretched = ends.stretched - angle
+        to_folded = angle - ends.folded
+        stretched = max(0.0, self._begin - to_stretched + lead)
+        folded = max(0.0, self._begin - to_folded - lead)
         push = self._stiffness * (folded - stretched)
-        return scaled(push * self._rates.strength(normal), normal) if push else NOTHING
+        if not push:
+            return NOTHING
+        return scaled(push * self._rates.strength(normal), normal)
 
 
 class LegEnds:

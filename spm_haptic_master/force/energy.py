@@ -91,16 +91,17 @@ class EnergyBudget:
         """
         energy = self.energy - given
         if energy > ADVANCE:
-            energy = min(energy, ADVANCE + dot(asked, asked) / (2.0 * SOFTEST))
+            stored = dot(asked, asked) / (2.0 * SOFTEST)
+            energy = min(energy, ADVANCE + stored)
         self.energy = energy
         if energy >= DAMPED and self.damping == 0.0:
             self.share = 1.0
             return
         # A fast handle gives and takes the whole range in a period, in turn.
         wanted = smoothstep((DAMPED - energy) / DAMPING_RANGE)
-        self.damping = min(
-            self.damping + dt / GROWTH, max(0.0, self.damping - dt / RELEASE, wanted)
-        )
+        most = self.damping + dt / GROWTH
+        least = max(0.0, self.damping - dt / RELEASE)
+        self.damping = min(most, max(least, wanted))
         self.share = 1.0 if energy >= DAMPED else smoothstep(1.0 + energy / FADED)
 
     def rest(self, dt: float) -> None:

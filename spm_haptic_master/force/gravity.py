@@ -69,7 +69,8 @@ class LinkWeight:
         self._number = number  # of the leg
         # The torque is w . Z2k + c, here with the sign of B_kk: w, w . Z1k, w x Z1k and c (N m).
         turned = cross(down, leg.first)
-        self._torque = scaled(leg.sign, subtracted(scaled(across, down), scaled(along, turned)))
+        torque = subtracted(scaled(across, down), scaled(along, turned))
+        self._torque = scaled(leg.sign, torque)
         self._along = dot(self._torque, leg.first)
         self._across = cross(self._torque, leg.first)
         self._constant = -across * leg.sign * leg.cos_alpha * dot(down, leg.first)
@@ -109,7 +110,9 @@ class Weight:
         self._handle = gravity.handle
         self._down = gravity.down
         self._rates = rates
-        offsets = zip(gravity.proximal[::2], gravity.proximal[1::2], strict=True)
+        along = gravity.proximal[::2]
+        across = gravity.proximal[1::2]
+        offsets = zip(along, across, strict=True)
         self._links = [
             LinkWeight(number, leg, offset, gravity.down)
             for number, (leg, offset) in enumerate(zip(rates.legs, offsets, strict=True))
@@ -118,7 +121,8 @@ class Weight:
 
     def torque(self) -> Vector[float]:
         """Return the torque on the handle that holds it, N m in the base frame."""
-        torque = cross(self._down, times(self._rates.rotation, self._handle))
+        offset = times(self._rates.rotation, self._handle)
+        torque = cross(self._down, offset)
         for link in self._links:
             torque = added(torque, link.torque(self._rates))
         return torque
@@ -162,7 +166,8 @@ def identify_gravity(
     """
     motors = 4 if np.shape(motor_torque)[-1:] == (4,) else 3
     statics = make_statics(geometry, working_mode, motors, ForceLimits())
-    poses: list[Any] = [tuple(each) for each in check_rotations('R', R).reshape(-1, 9).tolist()]
+    rotations = check_rotations('R', R).reshape(-1, 9)
+    poses: list[Any] = [tuple(rotation) for rotation in rotations.tolist()]
     torques = check_array('motor_torque', motor_torque, (motors,)).reshape(-1, motors)
     if len(poses) != len(torques) or len(poses) < FEWEST_POSES:
         raise InputError(
@@ -187,6 +192,7 @@ def identify_gravity(
             f'{len(poses)} poses determine {rank} values of gravity: expected '
             f'{LEAST_RANK} or more, by poses further apart'
         )
-    left = float(np.sqrt(np.mean((matrix @ values - side) ** 2)))
+    residuals = matrix @ values - side
+    left = float(np.sqrt(np.mean(residuals**2)))
     x, y, z, *rest = values.tolist()
     return Gravity((x, y, z), tuple(rest), down), left

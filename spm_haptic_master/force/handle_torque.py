@@ -122,8 +122,10 @@ class HandleTorque:
         From a third of the longest age on it falls, so that less is left to fade at its end.
         """
         limits = self._limits
+        begin = limits.wrench_age / 3.0
         end = limits.wrench_age + FADE
-        return limits.torque * min(1.0, (end - age) / (end - limits.wrench_age / 3.0))
+        share = (end - age) / (end - begin)
+        return limits.torque * min(1.0, share)
 
     def _with_lock(
         self,
@@ -137,4 +139,5 @@ class HandleTorque:
             self._lock.release()
             return torque
         pull = self._lock.torque(sample.lock, sample.quaternion, dt)
-        return shortened(added(torque, scaled(self.ramp * share, pull)), self._limits.torque)
+        pull = scaled(self.ramp * share, pull)
+        return shortened(added(torque, pull), self._limits.torque)

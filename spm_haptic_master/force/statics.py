@@ -158,8 +158,13 @@ class LegConstants:
             FLOATS.mode_reciprocal(self.sign * FLOATS.reach_root(reach))
         factor = (self.cos_alpha - u * self.cos_beta) / sqrt(reach)
         normal = nx, ny, nz = cross(self.first, third)
-        row = fx - u * x + factor * nx, fy - u * y + factor * ny, fz - u * z + factor * nz
-        return LegPose(third=third, u=u, divisor=divisor, reach=reach, normal=normal, row=row)
+        row = (
+            fx - u * x + factor * nx,
+            fy - u * y + factor * ny,
+            fz - u * z + factor * nz,
+        )
+        # By position, in its order: by names, three legs would cost a tenth of the whole sample.
+        return LegPose(third, u, divisor, reach, normal, row)
 
     def third_row(self, pose: LegPose) -> Vector[float]:
         """Return 1 - u^2 times the row of th3k of G, in a pose."""
@@ -168,7 +173,11 @@ class LegConstants:
         nx, ny, nz = pose.normal
         u = pose.u
         factor = (self.cos_beta - u * self.cos_alpha) / sqrt(pose.reach)
-        return x - u * fx + factor * nx, y - u * fy + factor * ny, z - u * fz + factor * nz
+        return (
+            x - u * fx + factor * nx,
+            y - u * fy + factor * ny,
+            z - u * fz + factor * nz,
+        )
 
 
 class MotorRates:
@@ -247,7 +256,9 @@ class MotorRates:
 
     def rendered(self, tau: Sequence[float]) -> Vector[float]:
         """Return the torque on the handle, N m in the base frame: G^T tau."""
-        x = y = z = 0.0
+        x = 0.0
+        y = 0.0
+        z = 0.0
         for torque, (gx, gy, gz) in zip(tau, self.rows(), strict=True):
             x = x + torque * gx
             y = y + torque * gy
@@ -281,54 +292,63 @@ class FourMotors(MotorRates):
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self.rows()
-        # G^T G = L D L^T, which is regular in the whole workspace; its solution for m.
-        xx = ax * ax + bx * bx + cx * cx + dx * dx
-        yx = ax * ay + bx * by + cx * cy + dx * dy
-        zx = ax * az + bx * bz + cx * cz + dx * dz
-        zy = ay * az + by * bz + cy * cz + dy * dz
-        x, y, z = m
-        l21 = yx / xx
-        l31 = zx / xx
-        yy = ay * ay + by * by + cy * cy + dy * dy - l21 * yx
-        zy -= l21 * zx
-        l32 = zy / yy
-        y -= l21 * x
-        z = (z - l31 * x - l32 * y) / (az * az + bz * bz + cz * cz + dz * dz - l31 * zx - l32 * zy)
-        y = y / yy - l32 * z
-        x = x / xx - l21 * y - l31 * z
-        p = a, b, c, d = (
-            ax * x + ay * y + az * z,
-            bx * x + by * y + bz * z,
-            cx * x + cy * y + cz * z,
-            dx * x + dy * y + dz * z,
-        )
+        rows = self.rows()
+        row_a, row_b, row_c, row_d = rows
+        least_heat = _least_heat(rows, m)
         limit = self.limits.motor_torque
-        least = -limit
-        if (
-            least <= a <= limit
-            and least <= b <= limit
-            and (least <= c <= limit and least <= d <= limit)
-        ):
-            return p, m
+        a, b, c, d = least_heat
+        are_first_within = -limit <= a <= limit and -limit <= b <= limit
+        if are_first_within and -limit <= c <= limit and -limit <= d <= limit:
+            return least_heat, m
         # The parity vector, of any length: the volumes of the other three rows, in turn of sign.
-        row_a, row_b, row_c, row_d = self.rows()
         first = cross(row_a, row_b)
         last = cross(row_c, row_d)
-        tau = _within(
-            p, (dot(row_b, last), -dot(row_a, last), dot(row_d, first), -dot(row_c, first)), limit
-        )
+        parity = dot(row_b, last), -dot(row_a, last), dot(row_d, first), -dot(row_c, first)
+        tau = _within(least_heat, parity, limit)
         return tau, self.rendered(tau)
+
+
+def _least_heat(rows: list[Vector[float]], m: Vector[float]) -> Torques:
+    """
+    Return p = G (G^T G)^-1 m for the four rows of G: torques of the least heat for m.
+
+    With G^T G = L D L^T, which is regular in the whole workspace.
+    """
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = rows
+    xx = ax * ax + bx * bx + cx * cx + dx * dx
+    yx = ax * ay + bx * by + cx * cy + dx * dy
+    zx = ax * az + bx * bz + cx * cz + dx * dz
+    yy = ay * ay + by * by + cy * cy + dy * dy
+    zy = ay * az + by * bz + cy * cz + dy * dz
+    zz = az * az + bz * bz + cz * cz + dz * dz
+    l21 = yx / xx
+    l31 = zx / xx
+    d2 = yy - l21 * yx
+    rest = zy - l21 * zx
+    l32 = rest / d2
+    d3 = zz - l31 * zx - l32 * rest
+    # Forwards through L, then backwards through D L^T.
+    x, y, z = m
+    y -= l21 * x
+    z = (z - l31 * x - l32 * y) / d3
+    y = y / d2 - l32 * z
+    x = x / xx - l21 * y - l31 * z
+    return (
+        ax * x + ay * y + az * z,
+        bx * x + by * y + bz * z,
+        cx * x + cy * y + cz * z,
+        dx * x + dy * y + dz * z,
+    )
 
 
 def _within(p: Torques, n: Torques, limit: float) -> Torques:
     """Return p + a n with the smallest |a| within the limit, p scaled down as far as needed."""
-    sizes = [abs(each) for each in n]
-    peak = max(
-        abs(n[j] * p[i] - n[i] * p[j]) / (sizes[i] + sizes[j])
-        for i, j in combinations(range(4), 2)
-        if sizes[i] + sizes[j] > 0.0
-    )
+    sizes = [abs(part) for part in n]
+    peak = 0.0
+    for i, j in combinations(range(4), 2):
+        both = sizes[i] + sizes[j]
+        if both > 0.0:
+            peak = max(peak, abs(n[j] * p[i] - n[i] * p[j]) / both)
     scale = limit / peak if peak > limit else 1.0
     low = -inf
     high = inf
@@ -339,7 +359,9 @@ def _within(p: Torques, n: Torques, limit: float) -> Torques:
             low = max(low, middle - half)
             high = min(high, middle + half)
     # With the least peak at the limit both bounds are one number, but for rounding.
-    a = 0.5 * (low + high) if low > high else min(max(0.0, low), high)
+    a = min(max(0.0, low), high)
+    if low > high:
+        a = 0.5 * (low + high)
     return tuple(
         [clipped(scale * torque + a * part, limit) for torque, part in zip(p, n, strict=True)]
     )

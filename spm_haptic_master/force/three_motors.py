@@ -80,9 +80,13 @@ class ThreeMotors(MotorRates):
             dot(cross(row_a, row_b), direction),
         )
         needed = hypot(*torque)
-        made = abs(dot(row_a, cross(row_b, row_c))) / needed if needed else 0.0
-        limits = self.limits
-        return smoothstep((made - limits.sigma_off) / (limits.sigma_full - limits.sigma_off))
+        volume = abs(dot(row_a, cross(row_b, row_c)))
+        return self._share(volume / needed if needed else 0.0)
+
+    def _share(self, sigma: float) -> float:
+        """Return the share (unit 1) of the weak direction by its singular value."""
+        off = self.limits.sigma_off
+        return smoothstep((sigma - off) / (self.limits.sigma_full - off))
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
@@ -142,7 +146,7 @@ class ThreeMotors(MotorRates):
             a = scale * a
             b = scale * b
             c = scale * c
-        share = smoothstep((sigma - limits.sigma_off) / (limits.sigma_full - limits.sigma_off))
+        share = self._share(sigma)
         if share == 0.0:
             return clipped(a, limit), clipped(b, limit), clipped(c, limit)
         wa = fa / determinant - sa

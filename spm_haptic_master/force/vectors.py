@@ -14,17 +14,22 @@ NOTHING: Vector[float] = (0.0, 0.0, 0.0)
 
 def added(u: Vector[float], v: Vector[float]) -> Vector[float]:
     """Return u + v."""
-    return u[0] + v[0], u[1] + v[1], u[2] + v[2]
+    ux, uy, uz = u
+    vx, vy, vz = v
+    return ux + vx, uy + vy, uz + vz
 
 
 def scaled(factor: float, u: Vector[float]) -> Vector[float]:
     """Return a vector times a factor."""
-    return factor * u[0], factor * u[1], factor * u[2]
+    x, y, z = u
+    return factor * x, factor * y, factor * z
 
 
 def subtracted(u: Vector[float], v: Vector[float]) -> Vector[float]:
     """Return u - v."""
-    return u[0] - v[0], u[1] - v[1], u[2] - v[2]
+    ux, uy, uz = u
+    vx, vy, vz = v
+    return ux - vx, uy - vy, uz - vz
 
 
 def shortened(u: Vector[float], limit: float) -> Vector[float]:

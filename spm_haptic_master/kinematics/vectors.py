@@ -15,7 +15,9 @@ from spm_haptic_master.kinematics.number_backends import N, Rotation, Vector
 
 def dot(u: Vector[N], v: Vector[N]) -> N:
     """Return the scalar product of two vectors."""
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    ux, uy, uz = u
+    vx, vy, vz = v
+    return ux * vx + uy * vy + uz * vz
 
 
 def cross(u: Vector[N], v: Vector[N]) -> Vector[N]:

@@ -133,11 +133,14 @@ class JointMonitors:
         return is_away, symptoms
 
     def _allow_for_delay(self, skew: float, is_late: bool) -> None:
-        """Widen the biases by what the joints move in the skew, s, and while a reading is late."""
+        """
+        Widen the biases by what the joints move in the skew, s, and while a reading is late.
+
+        A slower encoder than the bus repeats a reading, which may be that old.
+        """
         self.bias = self._limits.bias
         self.parity_bias = self._limits.parity_bias
         if is_late:
-            # A slower encoder than the bus repeats a reading, which may be that old.
             moved = [abs(joint.velocity) * (skew + joint.since) for joint in self._joints]
             self.bias = tuple(map(add, self.bias, moved))
             self.parity_bias += hypot(*moved)

@@ -161,7 +161,8 @@ def fit(
         if _is_within(step, last_step):
             state = _moved(state, step, 1.0)
             (*_, volume_b), (*_, volume_c) = legs
-            _check_mode(state[1], volume_b, volume_c, sensors, working_mode, g)
+            if working_mode is not None:
+                _check_mode(state[1], volume_b, volume_c, sensors, working_mode, g)
             return _estimate_at(state, rows, sensors, spread, g)
         state = _moved(state, step, min(1.0, LONGEST_STEP / max(map(abs, step))))
         th1a, _, th3a, th1b, th1c = state
@@ -203,15 +204,21 @@ def _check_mode(
     volume_b: float,
     volume_c: float,
     sensors: UsedSensors,
-    working_mode: WorkingMode | None,
+    working_mode: WorkingMode,
     g: Geometry,
 ) -> None:
-    """Raise SingularityError for a solution in another working mode; None is any mode."""
-    if working_mode is None or _in_mode(th2a, volume_b, volume_c, sensors, working_mode, g):
-        return
-    raise SingularityError(
-        f'the angles fit together only in another working mode than {list(working_mode)}'
-    )
+    """Raise SingularityError for a solution in another mode; a leg without a sensor has any."""
+    leg = g.legs[0]
+    sign_a, sign_b, sign_c = working_mode
+    # B_AA, the volume of Z1A, Z2A, Z3A, is here sin alpha sin beta sin th2A.
+    volume_a = leg.sin_alpha * leg.sin_beta * sin(th2a)
+    is_leg_a = sign_a * volume_a > -MODE_MARGIN or {0, 3}.isdisjoint(sensors.used)
+    is_leg_b = sign_b * volume_b > -MODE_MARGIN
+    is_leg_c = sign_c * volume_c > -MODE_MARGIN
+    if not (is_leg_a and is_leg_b and is_leg_c):
+        raise SingularityError(
+            f'the angles fit together only in another working mode than {list(working_mode)}'
+        )
 
 
 def _estimate_at(
@@ -254,26 +261,6 @@ def _gain_size(row: Row[float], motions: Motions[float]) -> float:
         x * ax + y * bx + z * cx,
         x * ay + y * by + z * cy,
         x * az + y * bz + z * cz,
-    )
-
-
-def _in_mode(
-    th2a: float,
-    volume_b: float,
-    volume_c: float,
-    sensors: UsedSensors,
-    working_mode: WorkingMode,
-    g: Geometry,
-) -> bool:
-    """Return whether a solution is in a working mode; a leg without a sensor may have any."""
-    leg = g.legs[0]
-    sign_a, sign_b, sign_c = working_mode
-    # B_AA, the volume of Z1A, Z2A, Z3A, is here sin alpha sin beta sin th2A.
-    volume_a = leg.sin_alpha * leg.sin_beta * sin(th2a)
-    return (
-        sign_b * volume_b > -MODE_MARGIN
-        and sign_c * volume_c > -MODE_MARGIN
-        and (sign_a * volume_a > -MODE_MARGIN or {0, 3}.isdisjoint(sensors.used))
     )
 
 
