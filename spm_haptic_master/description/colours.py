@@ -30,7 +30,7 @@ class Ink:
     Attributes
     ----------
     light, dark : str
-        #rrggbb, for WHITE_PAGE and for DARK_PAGE.
+        #rrggbb, for a page of #ffffff and for one of #242424.
 
     """
 
@@ -66,41 +66,8 @@ ERROR_LIMIT = Ink('#b42318', '#ff8f80')
 COMMANDED = Ink('#5a5a5a', '#b8b8b8')
 RENDERED = Ink('#6a4a9c', '#b79cf0')
 # Colours of the legs as lines of plots, whose contrast is at least 3.
-LEG_INKS = (Ink(LEGS[0], '#5aa9e6'), Ink(LEGS[1], '#f08a4b'), Ink(LEGS[2], '#5cc27c'))
-# The pages on which they are.
-WHITE_PAGE = '#ffffff'
-DARK_PAGE = '#242424'
-
-
-def contrast(one: str, other: str) -> float:
-    """
-    Return the contrast of two colours in CSS, from 1 to 21.
-
-    WCAG 2.2, "contrast ratio" and "relative luminance".
-
-    Parameters
-    ----------
-    one, other : str
-        #rrggbb; their order does not matter.
-
-    Returns
-    -------
-    float
-        1 of equal colours, 21 of black and white.
-
-    """
-    lighter, darker = sorted((_luminance(one), _luminance(other)), reverse=True)
-    return (lighter + 0.05) / (darker + 0.05)
-
-
-def _luminance(colour: str) -> float:
-    """Return the relative luminance of a colour in CSS, 0 .. 1."""
-    red, green, blue = (_linear(part / 255.0) for part in bytes.fromhex(colour[1:]))
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
-
-
-def _linear(part: float) -> float:
-    """Return a part of a colour, 0 .. 1, without the gamma of sRGB."""
-    if part <= 0.04045:
-        return part / 12.92
-    return float(((part + 0.055) / 1.055) ** 2.4)
+LEG_INKS = (
+    Ink(LEGS[0], '#5aa9e6'),
+    Ink(LEGS[1], '#f08a4b'),
+    Ink(LEGS[2], '#5cc27c'),
+)

@@ -3,9 +3,9 @@
 
 """Colours that everybody can read: contrast as WCAG AA wants it, on white and on dark pages."""
 
+from contrast import contrast, DARK_PAGE, WHITE_PAGE
 import pytest
 from spm_haptic_master.description import colours
-from spm_haptic_master.description.colours import contrast, DARK_PAGE, WHITE_PAGE
 
 # Least contrasts of text and of lines (WCAG 2.2, 1.4.3 and 1.4.11).
 TEXT = 4.5

@@ -6,10 +6,10 @@
 import json
 from math import nan, radians
 
+from contrast import contrast, DARK_PAGE, WHITE_PAGE
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from shown_device import entries_of
-from spm_haptic_master.description.colours import contrast, DARK_PAGE, WHITE_PAGE
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.view.content import content
 from spm_haptic_master.view.legend import legend
