@@ -107,13 +107,15 @@ class PoseHistory:
 
         """
         for before, after in pairwise(self._poses):
-            if before.stamp <= stamp <= after.stamp:
-                share = (stamp - before.stamp) / (after.stamp - before.stamp)
-                theta1, theta2, theta3 = (
-                    one + share * remainder(other - one, 2.0 * pi)
-                    for one, other in zip(before.angles[:3], after.angles[:3], strict=True)
-                )
-                return LegA(theta1, theta2, theta3)
+            if not before.stamp <= stamp <= after.stamp:
+                continue
+            share = (stamp - before.stamp) / (after.stamp - before.stamp)
+            angles = []
+            for joint in range(3):
+                first = before.angles[joint]
+                turn = remainder(after.angles[joint] - first, 2.0 * pi)
+                angles.append(first + share * turn)
+            return LegA(*angles)
         return None
 
 
@@ -183,10 +185,11 @@ class ThreeEncoders:
         """
         begin = self._poses.begin
         waiting = self._waiting
+        is_expected = False
         if waiting is not None and begin is not None:
-            if begin <= waiting.stamp <= stamp:
-                return
-        self._waiting = StampedReadings(stamp, readings)
+            is_expected = begin <= waiting.stamp <= stamp
+        if not is_expected:
+            self._waiting = StampedReadings(stamp, readings)
 
     def solve(self, dexterity: float | None) -> None:
         """
@@ -204,18 +207,23 @@ class ThreeEncoders:
         """
         waiting = self._waiting
         if waiting is None:
-            pose = None
-        else:
-            pose = self._poses.at(waiting.stamp)
-        if waiting is None or pose is None:
+            return
+        pose = self._poses.at(waiting.stamp)
+        if pose is None:
             return
         self._waiting = None
         if not all(map(isfinite, waiting.angles)):
             return
         begin = pose.theta2, pose.theta3
-        if self.turn is not None and dexterity is not None and dexterity <= CLEAR:
+        is_near_singularity = dexterity is not None and dexterity <= CLEAR
+        if self.turn is not None and is_near_singularity:
             begin = self._passive
-        quaternion, theta2, theta3 = continue_mode(waiting.angles, *begin, self._geometry)
+        quaternion, theta2, theta3 = continue_mode(
+            th1=waiting.angles,
+            th2a=begin[0],
+            th3a=begin[1],
+            geometry=self._geometry,
+        )
         self._passive = theta2, theta3
         self._solved_at = waiting.stamp
         published = pose.orientation(self._geometry)
@@ -228,4 +236,5 @@ def angle_of(turn: Quaternion[float]) -> float:
 
     The quaternions q and -q have the same angle.
     """
-    return 2.0 * acos(min(1.0, abs(turn[3])))
+    half_cosine = abs(turn[3])
+    return 2.0 * acos(min(1.0, half_cosine))

@@ -184,8 +184,12 @@ def _add_platform(
     meshes: str,
 ) -> None:
     """Add the platform at the end of leg A, and the sockets of the other legs on it."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = geometry.legs[0].platform_frame
-    transposed = (r00, r10, r20, r01, r11, r21, r02, r12, r22)
+    frame = geometry.legs[0].platform_frame
+    transposed = (
+        *frame[0::3],
+        *frame[1::3],
+        *frame[2::3],
+    )
     _joint(
         robot=robot,
         name='platform_joint',

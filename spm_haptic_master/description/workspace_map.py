@@ -26,7 +26,14 @@ GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 # Dexterity above which the colour does not change (unit 1).
 FULL = 0.2
 # Colours, red, green, blue, of dexterity 0, FULL / 2, FULL, and of poses out of reach.
-COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)], dtype=float)
+COLOURS = np.array(
+    [
+        (150, 0, 20),
+        (225, 160, 30),
+        (20, 95, 160),
+    ],
+    dtype=float,
+)
 UNREACHABLE = np.array([200, 200, 200], dtype=np.uint8)
 
 
@@ -53,11 +60,11 @@ class WorkspaceMap:
         self._working_mode = working_mode
         number = np.arange(TILES) + 0.5
         # Equal areas of the sphere.
-        self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)
+        height = (1.0 - cos(HALF_ANGLE)) * number / TILES
+        self._tilts = np.arccos(1.0 - height)
         self._azimuths = np.mod(GOLDEN_ANGLE * number, 2.0 * pi)
-        self.axes: NDArray[np.float64] = kinematics.workspace_pose(
-            self._tilts, self._azimuths, 0.0
-        )[..., 2]
+        poses = kinematics.workspace_pose(self._tilts, self._azimuths, 0.0)
+        self.axes: NDArray[np.float64] = poses[..., 2]
 
     def colours(self, phi: float) -> NDArray[np.uint8]:
         """
@@ -78,10 +85,11 @@ class WorkspaceMap:
         eta = kinematics.dexterity(poses, self._geometry, self._working_mode)
         reached = np.isfinite(eta)
         steps = np.linspace(0.0, FULL, len(COLOURS))
+        channels = []
+        for channel in COLOURS.T:
+            channels.append(np.interp(eta[reached], steps, channel))
         colours = np.tile(UNREACHABLE, (TILES, 1))
-        colours[reached] = np.stack(
-            [np.interp(eta[reached], steps, channel) for channel in COLOURS.T], axis=1
-        )
+        colours[reached] = np.stack(channels, axis=1)
         return colours
 
     def singular_axes(self, phi: float) -> NDArray[np.float64]:
@@ -99,18 +107,22 @@ class WorkspaceMap:
             z of the platform in the base frame, where det A changes its sign; n may be 0.
 
         """
-        here, there, one, other = changes_of_sign(
-            function=lambda points: kinematics.parallel_determinant(
-                kinematics.workspace_pose(points[0], points[1], phi),
-                self._geometry,
-                self._working_mode,
-            ),
+
+        def determinant(points: NDArray[np.float64]) -> NDArray[np.float64]:
+            tilts, azimuths = points
+            poses = kinematics.workspace_pose(tilts, azimuths, phi)
+            return kinematics.parallel_determinant(poses, self._geometry, self._working_mode)
+
+        found = changes_of_sign(
+            function=determinant,
             half_angle=HALF_ANGLE,
             rays=RAYS,
             circles=CIRCLES,
         )
-        tilts, azimuths = (1.0 - one / (one - other)) * here + one / (one - other) * there
-        axes: NDArray[np.float64] = kinematics.workspace_pose(tilts, azimuths, phi)[..., 2]
+        share = found.here_value / (found.here_value - found.there_value)
+        tilts, azimuths = (1.0 - share) * found.here + share * found.there
+        poses = kinematics.workspace_pose(tilts, azimuths, phi)
+        axes: NDArray[np.float64] = poses[..., 2]
         return axes
 
 
@@ -124,7 +136,14 @@ def colour_bar() -> dict[str, list[str]]:
         `colours` and `words`: of dexterity 0, FULL / 2, and FULL.
 
     """
+    colours = []
+    for red, green, blue in COLOURS:
+        colours.append(f'rgb({red:.0f},{green:.0f},{blue:.0f})')
     return {
-        'colours': [f'rgb({red:.0f},{green:.0f},{blue:.0f})' for red, green, blue in COLOURS],
-        'words': ['0: singular', f'{FULL / 2:g}', f'{FULL:g} and more'],
+        'colours': colours,
+        'words': [
+            '0: singular',
+            f'{FULL / 2:g}',
+            f'{FULL:g} and more',
+        ],
     }

@@ -10,6 +10,7 @@ It is the cone of platform axes about (1, 1, 1), psi = 135 deg and theta = acos(
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -148,15 +149,17 @@ def singularity_locus(
         poses = workspace_pose(tilts, azimuths, angle)
         return parallel_determinant(poses, geometry, working_mode)
 
-    low, high, side, _ = changes_of_sign(
+    found = changes_of_sign(
         function=determinant,
         half_angle=float(half),
         rays=RAYS,
         circles=CIRCLES,
     )
+    low = found.here
+    high = found.there
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        before = determinant(middle) * side > 0.0
+        before = determinant(middle) * found.here_value > 0.0
         low = np.where(before, middle, low)
         high = np.where(before, high, middle)
     tilt, azimuth = 0.5 * (low + high)
@@ -164,17 +167,44 @@ def singularity_locus(
     return tilt[order], azimuth[order]
 
 
+@dataclass(frozen=True, slots=True)
+class SignChanges:
+    """
+    Pairs of neighbouring points of the cone between which a function changes its sign.
+
+    Attributes
+    ----------
+    here, there : ndarray, shape (2, n)
+        Tilt and azimuth of both points, rad.
+    here_value, there_value : ndarray, shape (n,)
+        Values of the function there.
+
+    """
+
+    here: Array
+    there: Array
+    here_value: Array
+    there_value: Array
+
+
 def changes_of_sign(
     function: Callable[[Array], Array],
     half_angle: float,
     rays: int,
     circles: int,
-) -> tuple[Array, Array, Array, Array]:
+) -> SignChanges:
     """
     Return neighbouring points of the cone between which a function of them changes its sign.
 
-    A point is tilt and azimuth, rad. Of n pairs, found along rays and circles, both points,
-    (2, n), and both values, (n,), are returned.
+    Parameters
+    ----------
+    function : callable
+        Takes points, (2, ...), tilt and azimuth in rad, and returns a value for each.
+    half_angle : float
+        Of the cone, rad.
+    rays, circles : int
+        Numbers of the lines along which neighbours are compared.
+
     """
     tilts = np.linspace(0.0, half_angle, circles + 1)
     azimuths = 2.0 * math.pi * np.arange(rays + 1) / rays
@@ -186,7 +216,12 @@ def changes_of_sign(
     changed = one[2] * other[2] < 0.0
     one = one[:, changed]
     other = other[:, changed]
-    return one[:2], other[:2], one[2], other[2]
+    return SignChanges(
+        here=one[:2],
+        there=other[:2],
+        here_value=one[2],
+        there_value=other[2],
+    )
 
 
 def _joined(*tables: Array) -> Array:
