@@ -110,9 +110,8 @@ class EncoderDriver(ParameterNode):
         self._done = done
         # The source: can, replay or sim; with its bus or file, as on the latched topic `source`.
         self.source_name = source_of(self.given)
-        values = self.declare(
-            (SOURCE_SETTING, *SOURCE_SETTINGS[self.source_name]), source_defaults(self.source_name)
-        )
+        settings = (SOURCE_SETTING, *SOURCE_SETTINGS[self.source_name])
+        values = self.declare(settings, source_defaults(self.source_name))
         self.source_text = source_text(self.source_name, values)
         self._unverified = unverified_joints(values)
         # Mechanism, and calibration of a source that has one: `fkm` compares them with its own.
@@ -121,14 +120,14 @@ class EncoderDriver(ParameterNode):
             self._identity[entry.CALIBRATION_KEY] = (
                 values[CALIBRATION_SETTING.name] or entry.UNNAMED
             )
-        self._write_joints = JointsFormat(
-            values['sensors'], values[JOINTS_FRAME_SETTING.name]
-        ).write
-        self._source = make_source(self.source_name, values, _drives_beside(parameters, values))
+        joints = JointsFormat(values['sensors'], values[JOINTS_FRAME_SETTING.name])
+        self._write_joints = joints.write
+        drives = _drives_beside(parameters, values)
+        self._source = make_source(self.source_name, values, drives)
         # Insertion and gripper, where they have an encoder.
-        self._axis_outputs = AxisOutputs(
-            self, self._source.axes, self.source_text, _gripper_rate(parameters, self._source.axes)
-        )
+        axes = self._source.axes
+        rate = _gripper_rate(parameters, axes)
+        self._axis_outputs = AxisOutputs(self, axes, self.source_text, rate)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
         # Stamp of the latest set on `readings`, ns.
@@ -146,7 +145,8 @@ class EncoderDriver(ParameterNode):
         self._status = entry.StatusPublisher(self, entry.ENCODERS, self.source_text)
         # State of the encoders, as on /diagnostics, without the source.
         self.state = ''
-        self.create_publisher(String, 'source', STATE).publish(String(data=self.source_text))
+        source_out = self.create_publisher(String, 'source', STATE)
+        source_out.publish(String(data=self.source_text))
         self._waiting = self._source.waits_for_listener
         self._grace_until = time.monotonic() + START_GRACE
         self.create_timer(CHECK_PERIOD, self._report, clock=STEADY)
@@ -257,7 +257,8 @@ class EncoderDriver(ParameterNode):
         logged = level, f'{text} [{self.source_text}]'
         if busy and busy not in text:
             # The log does not have it: it is no fault of the encoders.
-            level, text = max(level, WARN), busy if level == OK else f'{text}; {busy}'
+            text = busy if level == OK else f'{text}; {busy}'
+            level = max(level, WARN)
         self.state = text
         message = f'{text} [{self.source_text}]'
         if self._status.is_due(level, message):
@@ -271,7 +272,8 @@ class EncoderDriver(ParameterNode):
 
     def _is_starting(self, now: float) -> bool:
         """Return whether it waits for its first samples, at a time, s, monotonic."""
-        return self._waiting or (not self.published.count and now < self._grace_until)
+        is_within_grace = not self.published.count and now < self._grace_until
+        return self._waiting or is_within_grace
 
     def _figures(self) -> dict[str, object]:
         """Return the values of the entry, by name."""
@@ -349,7 +351,10 @@ def _drives_beside(parameters: Parameters, values: Values) -> tuple[int, ...]:
     """
     if 'can.channel' not in values:
         return ()
-    given = {name: value for name, value in parameters.of('fkm').items() if name in DRIVE_NAMES}
+    given = {}
+    for name, value in parameters.of('fkm').items():
+        if name in DRIVE_NAMES:
+            given[name] = value
     try:
         _, drives = resolve(given, (*DRIVE_SETTINGS, RATE_SETTING))
     except SettingError:

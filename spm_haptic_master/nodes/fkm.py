@@ -420,8 +420,10 @@ class Fkm(ParameterNode):
             for /diagnostics.
 
         """
-        is_symptom = state.condition is Condition.SILENT and self._obstacle is None
-        if self._overload.explains(state.text if is_symptom else ''):
+        symptom = ''
+        if state.condition is Condition.SILENT and self._obstacle is None:
+            symptom = state.text
+        if self._overload.explains(symptom):
             return BUSY, silent(self._overload.words).text
         if state == BUSY:
             return state, silent(str(self.status.rejection)).text

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
+from operator import truediv
 import threading
 import time
 from typing import NamedTuple
@@ -288,7 +289,8 @@ class Force:
             torques = self._output.motor_torque
         else:
             torques = report.torques
-        return [*torques, *[0.0] * (self._sensors - len(torques))]
+        further = self._sensors - len(torques)
+        return [*torques, *[0.0] * further]
 
     def acknowledge(self) -> str:
         """
@@ -324,7 +326,8 @@ class Force:
     ) -> None:
         """Publish the rendered torque, N m in the base frame, where it is due and wanted."""
         if self._is_wanted and self._grid.is_due(stamp):
-            in_handle = transposed_times(rotation_from_quaternion(*quaternion), rendered)
+            rotation = rotation_from_quaternion(*quaternion)
+            in_handle = transposed_times(rotation, rendered)
             for out in self._outs:
                 out.publish(stamp, rendered, in_handle)
 
@@ -336,10 +339,8 @@ class Force:
         self._is_wanted = any(out.has_subscriber for out in self._outs)
         with self._lock:
             self._notice_silence()
-            self._noise = max(
-                noise / sigma
-                for noise, sigma in zip(self._supervisor.joints.noise(), self._sigma, strict=True)
-            )
+            noises = self._supervisor.joints.noise()
+            self._noise = max(map(truediv, noises, self._sigma))
             changes = self._changes
             self._changes = []
             output = self._output
@@ -358,7 +359,8 @@ class Force:
         """
         missing = self._missing + 1
         if missing >= SILENT_PERIODS and self._stamp is not None:
-            self.take(self._stamp + round(SECOND * WATCH_PERIOD), self._angles, None, inf)
+            stamp = self._stamp + round(SECOND * WATCH_PERIOD)
+            self.take(stamp, self._angles, None, inf)
         self._missing = missing
 
     def _announce(self, state: ForceState, report: DriveReport | None) -> None:
@@ -427,7 +429,6 @@ class MeasuredTorque:
         torque = self._message.wrench.torque
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
         header.frame_id = self._frame.name
-        torque.x, torque.y, torque.z = transposed_times(
-            self._frame.rotation, in_handle if self._frame.in_handle else in_base
-        )
+        given = in_handle if self._frame.in_handle else in_base
+        torque.x, torque.y, torque.z = transposed_times(self._frame.rotation, given)
         self._out.publish(self._message)

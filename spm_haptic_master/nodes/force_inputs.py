@@ -36,6 +36,8 @@ WRENCH_TOPICS = ('servo_cf', 'spatial/servo_cf', 'body/servo_cf')
 # Age at which the last `teleop_state` is ignored (s): its sender is gone. It repeats it every
 # 0.2 s.
 TELEOP_TIMEOUT = 0.6
+# Phases by its first word.
+PHASES = {phase.value: phase for phase in Phase}
 # Its words where a hand is missing.
 ABSENT = f'{Phase.DISENGAGED.value}: {NO_PRESENCE}'
 # Bytes of an endpoint's identifier that are its participant's: one for each process.
@@ -125,7 +127,7 @@ class TeleopState:
         """
         word = message.data.partition(':')[0]
         self._received_at = time.monotonic()
-        phase = next((phase for phase in Phase if phase.value == word), Phase.DISENGAGED)
+        phase = PHASES.get(word, Phase.DISENGAGED)
         self._enter(phase, message.data == ABSENT)
 
     def poll(self, now: float) -> None:
@@ -311,7 +313,8 @@ class ForceInputs:
         force = message.wrench.force
         torque = message.wrench.torque
         scale = self.modes.scale.value
-        found = times(frame.rotation, (scale * torque.x, scale * torque.y, scale * torque.z))
+        scaled = (scale * torque.x, scale * torque.y, scale * torque.z)
+        found = times(frame.rotation, scaled)
         is_finite = isfinite(sum(found) + force.x + force.y + force.z)
         with self._lock:
             if self._wrench is not None and now == self._wrench.received:

@@ -287,7 +287,8 @@ class OrientationOutputs:
     def _publish_level(self, level: float) -> None:
         """Publish the protection level, the times unchecked and the bound of each sensor."""
         bounds = map(degrees, self._supervisor.parts)
-        self._level.data = array('d', (degrees(level), *self._supervisor.unchecked(), *bounds))
+        unchecked = self._supervisor.unchecked()
+        self._level.data = array('d', (degrees(level), *unchecked, *bounds))
         self._outs[LEVEL].publish(self._level)
 
     def _fill_header(self, stamp: int, estimate: SampleEstimate) -> None:
@@ -396,6 +397,7 @@ class OrientationOutputs:
         deflection = joy.axes[self._axis]
         if not isfinite(deflection):
             return
-        share = 0.5 * (max(-1.0, min(1.0, deflection)) + 1.0)
+        bounded = max(-1.0, min(1.0, deflection))
+        share = 0.5 * (bounded + 1.0)
         angle = self._closed + share * (self._open - self._closed)
         self._gripper.position = [angle]

@@ -182,7 +182,8 @@ class Recorder(ParameterNode):
             names = tuple(name for name in ALL_JOINT_NAMES if name in angles)
             self._names = names
             self._add_table(files.JOINTS_NAME, names)
-        self._write(files.JOINTS_NAME, message, [angles[name] for name in names])
+        row = [angles[name] for name in names]
+        self._write(files.JOINTS_NAME, message, row)
 
     def _take_axis(self, axis: str, message: JointState) -> None:
         """Write the insertion, m, or the gripper, rad, into a file of its own."""

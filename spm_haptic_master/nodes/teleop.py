@@ -46,7 +46,14 @@ NO_BUTTON = array('i')
 INSERTION_TOPIC = 'insertion/measured_js'
 INSERTION_JOINT = 'insertion'
 # Topics that may have one publisher only.
-SINGLE = ('servo_cp', 'orientation', 'state', 'enabled_at', POSE_TOPIC, TROCAR_TOPIC)
+SINGLE = (
+    'servo_cp',
+    'orientation',
+    'state',
+    'enabled_at',
+    POSE_TOPIC,
+    TROCAR_TOPIC,
+)
 
 
 class Teleop(ParameterNode):
@@ -111,56 +118,57 @@ class Teleop(ParameterNode):
 
         The pedals are the first buttons of `presence` and `clutch`.
         """
-        machine = self._machine
-        self._inputs.subscribe(
-            Joy,
-            'presence',
-            lambda message: self._take(machine.take_presence, message.buttons[:1] == PRESSED),
-            EVENTS,
-            gone=lambda: self._take(machine.take_presence, False),
-        )
-        # A message without a button is no release.
-        self._inputs.subscribe(
-            Joy,
-            'clutch',
-            lambda message: self._take(
-                machine.take_clutch, message.buttons[:1] in (PRESSED, NO_BUTTON)
-            ),
-            EVENTS,
-            gone=lambda: self._take(machine.take_clutch, None),
-        )
+        subscribe = self._inputs.subscribe
+        subscribe(Joy, 'presence', self._on_presence, EVENTS, gone=self._lose_presence)
+        subscribe(Joy, 'clutch', self._on_clutch, EVENTS, gone=self._lose_clutch)
+
+    def _on_presence(self, message: Joy) -> None:
+        """Take whether the hand is present."""
+        is_pressed = message.buttons[:1] == PRESSED
+        self._take(self._machine.take_presence, is_pressed)
+
+    def _lose_presence(self) -> None:
+        """Take the hand for absent: nobody publishes the pedal."""
+        self._take(self._machine.take_presence, False)
+
+    def _on_clutch(self, message: Joy) -> None:
+        """Take whether the clutch is pressed; a message without a button is no release."""
+        is_pressed = message.buttons[:1] in (PRESSED, NO_BUTTON)
+        self._take(self._machine.take_clutch, is_pressed)
+
+    def _lose_clutch(self) -> None:
+        """Take the clutch for unknown: nobody publishes the pedal."""
+        self._take(self._machine.take_clutch, None)
 
     def _subscribe_master(self, values: Values) -> None:
         """Subscribe to what the master publishes beside its orientations."""
         subscribe = self._inputs.subscribe
-        machine = self._machine
-        subscribe(
-            String,
-            'state',
-            lambda message: self._take(machine.take_state, received_state(message.data)),
-            STATE,
-        )
+        subscribe(String, 'state', self._on_state, STATE)
         subscribe(UInt64, 'enabled_at', self._on_enabled_at, STATE)
         subscribe(JointState, INSERTION_TOPIC, self._on_insertion, SAMPLES, raw=True)
         if values['teleop.force_loss'] == 'hold':
-            subscribe(
-                String,
-                'force_state',
-                lambda message: self._take(self._take_force_state, message.data),
-                STATE,
-            )
+            subscribe(String, 'force_state', self._on_force_state, STATE)
+
+    def _on_state(self, message: String) -> None:
+        """Take the state of the orientation."""
+        state = received_state(message.data)
+        self._take(self._machine.take_state, state)
+
+    def _on_force_state(self, message: String) -> None:
+        """Take the state of the force feedback."""
+        self._take(self._take_force_state, message.data)
 
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
         self._inputs.subscribe(
-            QuaternionStamped,
-            'orientation',
-            lambda data: self.take(*self._read_orientation(data)),
-            SAMPLES,
-            raw=True,
+            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True
         )
         if self._has_limit:
             self._inputs.subscribe(Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
+
+    def _on_orientation(self, data: bytes) -> None:
+        """Take a serialized orientation from the topic."""
+        self.take(*self._read_orientation(data))
 
     def take(
         self,

@@ -12,41 +12,33 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 import re
-from typing import NamedTuple
 
 from spm_haptic_master.encoders.canopen import NODE_ID_MAXIMUM
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.simulation.fault_injection import Kind
 from spm_haptic_master.simulation.object_store import Key
-
-
-class Kind(NamedTuple):
-    """A kind of quirk: the behaviour, and the meaning of VALUE; None for a kind without one."""
-
-    behaviour: str
-    value: str | None = None
-
 
 KINDS = {
     'phases': Kind('without SYNC each sends at a phase of its own (encoders.sync_id 0)'),
     'one_timer': Kind('6200h and 1800h:05 are one value'),
     'read_only': Kind(
         'an object cannot be written',
-        value='index or index:subindex, such as 0x6001',
+        unit='index or index:subindex, such as 0x6001',
     ),
     'missing': Kind(
         'an object does not exist',
-        value='index or index:subindex, such as 0x1017',
+        unit='index or index:subindex, such as 0x1017',
     ),
     'store_refused': Kind('storing (1010h) is refused'),
     'error': Kind(
         'an error stands from before the start',
-        value='error register, such as 0x10',
+        unit='error register, such as 0x10',
     ),
     'supervises_sync': Kind('it leaves OPERATIONAL 1.5 periods after a SYNC (1006h)'),
     'node_id': Kind(
         'it has another node id, such as that of others',
-        value=f'1 .. {NODE_ID_MAXIMUM}',
+        unit=f'1 .. {NODE_ID_MAXIMUM}',
     ),
 }
 # Syntax of a quirk, for help texts and errors.
@@ -230,7 +222,7 @@ def _value(
         The kind needs a value, has none, or another one.
 
     """
-    unit = KINDS[kind].value
+    unit = KINDS[kind].unit
     if (unit is None) != (value is None):
         expected = f'=VALUE ({unit})' if unit else f'no value with {kind}'
         raise InputError(f"quirk '{text}'; expected {expected}")

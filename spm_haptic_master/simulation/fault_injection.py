@@ -20,7 +20,7 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 
 class Kind(NamedTuple):
-    """A kind of fault: the effect, and the unit of VALUE; None for a kind without one."""
+    """A kind of fault or quirk: its effect, and the unit of VALUE; None for one without."""
 
     effect: str
     unit: str | None = None
