@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import Kind
 from spm_haptic_master.simulation.object_store import Key
 
+# Kinds of quirks.
 KINDS = {
     'phases': Kind('without SYNC each sends at a phase of its own (encoders.sync_id 0)'),
     'one_timer': Kind('6200h and 1800h:05 are one value'),

@@ -26,6 +26,7 @@ class Kind(NamedTuple):
     unit: str | None = None
 
 
+# Kinds of faults of the encoders and their bus.
 KINDS = {
     'dropout': Kind('the encoder does not answer'),
     'unplug': Kind('the encoder sends nothing, heartbeats included'),
