@@ -13,7 +13,7 @@ and written by `struct`. A `measured_js` that differs from the layout of `encode
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite, isinf
+from math import isfinite, isinf, isnan
 from struct import error as StructError
 from struct import Struct
 
@@ -147,7 +147,8 @@ class JointsFormat:
         names = list(self._names)
         if joints.name != names:
             given = len(joints.name)
-            if given >= len(JOINT_NAMES) and joints.name == list(ALL_JOINT_NAMES[:given]):
+            is_sample = joints.name == list(ALL_JOINT_NAMES[:given])
+            if is_sample and given >= len(JOINT_NAMES):
                 raise RejectedError(
                     'sample of another number of sensors',
                     f'{given}, expected {len(names)}: give `sensors` for all nodes, /**',
@@ -166,10 +167,15 @@ class JointsFormat:
 def _check_readings(angles: tuple[float, ...]) -> None:
     """Raise RejectedError for angles that are no sample: NaN is a joint without a reading."""
     names = ALL_JOINT_NAMES[: len(angles)]
-    infinite = [name for name, angle in zip(names, angles, strict=True) if isinf(angle)]
+    infinite = []
+    missing = []
+    for name, angle in zip(names, angles, strict=True):
+        if isinf(angle):
+            infinite.append(name)
+        elif isnan(angle):
+            missing.append(name)
     if infinite:
         raise RejectedError('angle not finite', f'infinite: {", ".join(infinite)}')
-    missing = [name for name, angle in zip(names, angles, strict=True) if angle != angle]
     if len(names) - len(missing) < len(JOINT_NAMES):
         raise RejectedError(
             'angle not finite',

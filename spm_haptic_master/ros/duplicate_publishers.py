@@ -138,8 +138,9 @@ def _first_taken(nodes: Sequence[Node], topics: Sequence[str]) -> str:
         names = publishers(node, full)
         if names:
             domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+            listed = ', '.join(names)
             return (
-                f'{full} is published by {", ".join(names)} already: end that one, or start this '
+                f'{full} is published by {listed} already: end that one, or start this '
                 f'one with another ROS_DOMAIN_ID (now {domain}) or in another namespace'
             )
     return ''

@@ -96,9 +96,11 @@ class ParameterNode(Node):
         declared, values = resolve(self.given, settings, defaults)
         for setting in declared:
             value = values[setting.name]
+            if setting.count is not None:
+                value = list(value)
             self.declare_parameter(
                 setting.name,
-                value if setting.count is None else list(value),
+                value,
                 _descriptor(setting),
                 ignore_override=True,
             )

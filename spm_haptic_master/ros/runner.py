@@ -271,7 +271,8 @@ def dds_profile(environment: Mapping[str, str]) -> dict[str, str]:
     subnet = str(config_directory() / 'fastdds.xml')
     localhost = str(config_directory() / 'fastdds_localhost.xml')
     chosen = {environment[name] for name in PROFILE_VARIABLES if environment.get(name)}
-    if chosen - {subnet, localhost} or any(Path(name).exists() for name in PROFILES):
+    has_own = any(Path(name).exists() for name in PROFILES)
+    if has_own or chosen - {subnet, localhost}:
         return {}
     # A static peer may be another host: only the range decides there.
     is_local = environment.get(RANGE) == 'LOCALHOST' and not environment.get(STATIC_PEERS)
