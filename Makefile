@@ -97,7 +97,7 @@ style: .venv/lint.stamp
 	.venv/bin/mypy
 
 lint: style
-	.venv/bin/python -m pytest -q --tb=short --show-capture=no -m linter test/test_*.py
+	.venv/bin/python -m pytest -q --tb=short --show-capture=no -m linter test/test_linters.py
 
 mutants: .venv/test.stamp
 	.venv/bin/python -m benchmarks.mutants $(ARGS)

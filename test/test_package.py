@@ -212,10 +212,11 @@ def test_pip_install(source, tmp_path):
         for name, value in os.environ.items()
         if name not in ('PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'LD_LIBRARY_PATH')
     }
-    run([sys.executable, '-m', 'venv', tmp_path / 'venv'], env=clean)
+    run([sys.executable, '-m', 'venv', '--without-pip', tmp_path / 'venv'], env=clean)
     python = tmp_path / 'venv' / 'bin' / 'python'
+    pip = [sys.executable, '-m', 'pip', '-q', '--python', python]
     for options in (), ('--editable',):
-        run([python, '-m', 'pip', '-q', 'install', '--no-compile', *options, source], env=clean)
+        run([*pip, 'install', '--no-compile', *options, source], env=clean)
         # The mathematics and the encoders work, and the programs are installed.
         run(
             [
@@ -237,5 +238,5 @@ def test_pip_install(source, tmp_path):
             assert not {'paper', 'study', 'benchmarks', 'docs', 'examples', 'release', 'test'} & {
                 path.name for path in site.iterdir()
             }
-            run([python, '-m', 'pip', '-q', 'uninstall', '--yes', PACKAGE], env=clean)
+            run([*pip, 'uninstall', '--yes', PACKAGE], env=clean)
             assert not (python.parent / 'master').exists()

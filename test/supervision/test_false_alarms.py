@@ -45,7 +45,10 @@ def test_a_healthy_quiet_encoder_is_not_frozen(kind, noise, bits):
     assert device.run(kind, noise=noise, bits=bits).published[10:].all()
 
 
-@pytest.mark.parametrize(('sensors', 'hold', 'speed'), few(SENSORS, (2, 4), (1.0, 0.5), count=1))
+@pytest.mark.parametrize(
+    ('sensors', 'hold', 'speed'),
+    few(SENSORS, (2, 4), (1.0, 0.5), others=pytest.mark.evidence),
+)
 def test_encoders_slower_than_the_bus_are_within_the_level(sensors, hold, speed):
     """All hold their readings for some samples; largest speed of a joint in rad/s."""
     angles = device.joint_angles(device.motion('fast', 2.0))
