@@ -4,7 +4,7 @@
 """
 The worst cases that the directed search ever found, each beyond what was promised once.
 
-`attack_rows.json` has the numbers that settle each case, and its words; the search is
+`attack_rows.json` has the numbers that settle each case; the search is
 `benchmarks/integrity_attack.py`.
 """
 
@@ -34,6 +34,6 @@ QUICK = (
 )
 def test_a_worst_case_of_the_search_stays_within_what_was_promised(name):
     """Error over level while the faulty sensor is checked, else over its published bound."""
-    case = CASES[name]
-    found = score(KINDS[case['kind']](Choices(np.random.default_rng(0), case['numbers'])))
-    assert found.of(case['promise']) <= 1.0, case['words']
+    row = CASES[name]
+    case = KINDS[row['kind']](Choices(np.random.default_rng(0), row['numbers']))
+    assert score(case).of(row['promise']) <= 1.0, case.words

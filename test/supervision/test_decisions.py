@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Decisions about recordings, beside those of `decisions.json`: no change alters one unnoticed.
+Decisions about recordings, beside those of `decisions.txt`: no change alters one unnoticed.
 
 After a change that is meant to: `python test/supervision/test_decisions.py --accept`, and read
 the difference. Which decisions are right, the other tests of this folder say.
 """
 
-import json
 from pathlib import Path
 import sys
 
@@ -19,7 +18,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from device import disturbance, every, noisy, offset, paused, ramp, run, stuck  # noqa: E402, I100
 
-TABLE = Path(__file__).with_name('decisions.json')
+TABLE = Path(__file__).with_name('decisions.txt')
+# Samples from one protection level of the table to the next.
+LEVEL_EVERY = 300
 
 
 def lost(sensor):
@@ -130,32 +131,51 @@ CASES = {
 }
 
 
-def decisions(case):
-    """Return what becomes of a recording, as JSON has it."""
+def decided(case):
+    """Return what becomes of a recording: a line each for their number, states and levels, deg."""
     result = run(**{'seconds': 0.6, **case}).result
-    levels = result.protection_level[::150]
-    checked = result.unchecked == 0.0
-    return {
-        'published': int(result.published.sum()),
-        'state': [f'{index} {text}' for index, text in result.state],
-        'reasons': dict(sorted(result.reasons.items())),
-        'checked': checked.sum(axis=0).tolist(),
-        'bounds': [None if np.isinf(each) else float(f'{each:.3g}') for each in result.bounds[-1]],
-        'levels': [None if np.isnan(each) else float(f'{each:.3g}') for each in levels],
-    }
+    levels = result.protection_level
+    return [
+        f'{result.published.sum()} published',
+        *(f'{index} {text}' for index, text in result.state),
+        *(
+            f'level {levels[index]:.3g} at {index}'
+            for index in range(0, len(levels), LEVEL_EVERY)
+            if np.isfinite(levels[index])
+        ),
+    ]
+
+
+def recorded():
+    """Return the lines of each recording by its name."""
+    lines = {}
+    name = ''
+    for line in TABLE.read_text().splitlines():
+        if line.startswith(' '):
+            lines[name].append(line.strip())
+        else:
+            name = line
+            lines[name] = []
+    return lines
+
+
+def without_levels(lines):
+    """Return the lines but for the levels, and the levels, deg, by their samples."""
+    levels = [line for line in lines if line.startswith('level ')]
+    words = [line.split() for line in levels]
+    return lines[: len(lines) - len(levels)], {at: float(level) for _, level, _, at in words}
 
 
 @pytest.mark.parametrize('name', CASES)
 def test_a_recording_is_decided_as_before(name):
-    found = decisions(CASES[name])
-    expected = json.loads(TABLE.read_text())[name]
-    for figures in ('levels', 'bounds'):
-        np.testing.assert_allclose(
-            np.array(found.pop(figures), float), np.array(expected.pop(figures), float), rtol=1e-2
-        )
-    assert found == expected
+    states, levels = without_levels(decided(CASES[name]))
+    expected_states, expected_levels = without_levels(recorded()[name])
+    assert states == expected_states
+    assert levels == pytest.approx(expected_levels, rel=1e-2)
 
 
 if __name__ == '__main__' and sys.argv[1:] == ['--accept']:
-    rows = [f'{json.dumps(name)}: {json.dumps(decisions(case))}' for name, case in CASES.items()]
-    TABLE.write_text('{\n' + ',\n'.join(rows) + '\n}\n')
+    lines = [
+        line for name, case in CASES.items() for line in (name, *(f'  {x}' for x in decided(case)))
+    ]
+    TABLE.write_text('\n'.join(lines) + '\n')
