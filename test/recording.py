@@ -63,5 +63,7 @@ def check_against_truth(arrived, index: np.ndarray) -> None:
     rms, rms_near, rms_far = (
         np.sqrt(np.mean(error[part] ** 2)) for part in (slice(None), near, ~near)
     )
-    assert error.max() <= 0.25 and rms <= 0.055
-    assert near.sum() > 1000 and rms_near <= 1.1 * rms_far
+    assert error.max() <= 0.25
+    assert rms <= 0.055
+    assert near.sum() > 1000
+    assert rms_near <= 1.1 * rms_far

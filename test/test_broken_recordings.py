@@ -77,7 +77,8 @@ def whole(tmp_path_factory):
 def read_log(path, _):
     with closing(make_replay(values('replay', replay__path=str(path)))) as source:
         for sample in source.recorded():
-            assert 0 <= sample.stamp < 2**63 and all(map(isfinite, sample.angles))
+            assert 0 <= sample.stamp < 2**63
+            assert all(map(isfinite, sample.angles))
 
 
 @pytest.mark.parametrize('damage', DAMAGES)
@@ -103,7 +104,9 @@ def test_a_damaged_recording_gives_what_is_in_it_or_one_line(tmp_path, whole, na
     except SpmError as error:
         # Where, and what was expected.
         text = str(error)
-        assert str(path) in text and '\n' not in text and len(text) < len(str(path)) + 600
+        assert str(path) in text
+        assert '\n' not in text
+        assert len(text) < len(str(path)) + 600
         assert not re.search(r'Traceback|[a-z]Error\b|codec|unpack', text), text
 
 
@@ -165,5 +168,6 @@ def test_calibrate_reports_where_a_file_is_not_a_log(tmp_path, capsys, name, con
         == 1
     )
     *_, line = capsys.readouterr().err.splitlines()
-    assert line.startswith(f'calibrate: {path}') and words in line
+    assert line.startswith(f'calibrate: {path}')
+    assert words in line
     assert not (tmp_path / 'c.yaml').exists()

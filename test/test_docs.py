@@ -147,7 +147,8 @@ def test_each_topic_and_each_reason_of_silence_is_in_its_page():
     pages = ''.join(
         text_of(ROOT / 'docs' / name) for name in ('interfaces.md', 'slave.md', 'diagnostics.md')
     )
-    assert len(topics) > 20 and [each for each in topics if f'{each}`' not in pages] == []
+    assert len(topics) > 20
+    assert [each for each in topics if f'{each}`' not in pages] == []
     cures = section_of('safety.md', 'Reasons and cures')
     assert [
         each.value for each in Reason if each.value not in cures and each is not Reason.STARTING
@@ -195,7 +196,8 @@ def test_each_hazard_is_held_by_tests_that_exist():
         for line in section.splitlines()
         if line.startswith('|')
     ]
-    assert header[-1] == 'held by' and len(rows) >= 15
+    assert header[-1] == 'held by'
+    assert len(rows) >= 15
     faults = [
         f'{row[0]}: {row}'
         for row in rows

@@ -34,7 +34,8 @@ def test_the_attacked_device_has_the_same_angles_by_formulas_of_its_own(mode):
     joints = inverse(rotations, Geometry(*PAPER), mode)
     expected = np.column_stack([joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])
     reached = np.isfinite(expected).all(axis=1)
-    assert reached.sum() > 100 and (np.isfinite(found).all(axis=1) == reached).all()
+    assert reached.sum() > 100
+    assert (np.isfinite(found).all(axis=1) == reached).all()
     assert np.abs(wrapped(found - expected))[reached].max() < 1e-12
 
 
@@ -43,7 +44,8 @@ def test_rivals_read_the_same_by_all_sensors_but_one():
     place = workspace_pose(*np.radians([5.0, 30.0, 44.4]))
     rivals = device.rivals(place, (0, 1, 2), np.random.default_rng(1))
     difference = wrapped(device.readings(rivals) - device.readings(place))
-    assert len(rivals) and np.abs(difference[:, :3]).max() < 1e-7
+    assert len(rivals)
+    assert np.abs(difference[:, :3]).max() < 1e-7
     assert np.abs(difference[:, 3]).min() > np.radians(5.0)
 
 
@@ -51,7 +53,8 @@ def test_rivals_read_the_same_by_all_sensors_but_one():
 def test_each_kind_has_cases_that_its_choices_settle(kind):
     one = first_case(kind)
     again = first_case(kind)
-    assert np.array_equal(one.readings, again.readings) and one.words == again.words
+    assert np.array_equal(one.readings, again.readings)
+    assert one.words == again.words
     assert len(one.stamps) == len(one.readings) == len(one.rotations)
     assert len(one.readings) > one.window
 
@@ -71,7 +74,8 @@ def test_an_orientation_beyond_its_level_is_a_violation():
     )
     case.rotations[:] = turn @ case.rotations
     found = score(case)
-    assert found.level > 1.0 and found.error_deg == pytest.approx(9.0, abs=1.0)
+    assert found.level > 1.0
+    assert found.error_deg == pytest.approx(9.0, abs=1.0)
 
 
 def test_a_declared_sensor_is_held_to_its_bound(monkeypatch):
@@ -86,7 +90,8 @@ def test_a_declared_sensor_is_held_to_its_bound(monkeypatch):
 
     monkeypatch.setattr(integrity_attack, 'supervise', unchecked)
     found = score(case)
-    assert found.level == 0.0 and found.bound > 1.0
+    assert found.level == 0.0
+    assert found.bound > 1.0
 
 
 def test_a_search_is_the_same_each_time_and_no_worse_than_its_random_half(monkeypatch):

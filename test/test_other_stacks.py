@@ -55,7 +55,8 @@ def test_the_master_of_a_release_of_dvrk_speaks_nobody_moves_it_and_it_is_the_ar
     name = component['constructor-arg']['Name']
     assert arm['name'] == arm['component'] == arm['interface'] == name
     (pair,) = [each for key, each in found if key in ('teleop_PSMs', 'psm-teleops')]
-    assert name in pair.values() and f'namespace:={name} ' in SLAVE_PAGE
+    assert name in pair.values()
+    assert f'namespace:={name} ' in SLAVE_PAGE
 
 
 def test_moveit_servo_moves_and_turns_about_the_tool():

@@ -139,16 +139,21 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline, capsys)
         (name, signal.SIGINT) for name in ('encoder_driver', 'fkm', 'observer')
     ]
     assert (found.case, found.rate, found.span) == (case, 500.0, 2.0)
-    assert len(found.stamps) == 1999 and found.achieved == 999.5
+    assert len(found.stamps) == 1999
+    assert found.achieved == 999.5
     np.testing.assert_allclose(found.latencies, 400.0)
     assert (found.made, found.lost, found.missed) == (1080, 1, 0)
     # Per cent of a core, in ticks of 10 ms; this process counts for nothing.
     assert found.load == {'observer': 15.0, 'fkm': 10.0, 'encoder_driver': 20.0}
-    assert found.others == 12.5 and len(found.statuses) == 4
-    assert not pipeline.directory.exists() and capsys.readouterr().err == 'one: fkm: was killed\n'
+    assert found.others == 12.5
+    assert len(found.statuses) == 4
+    assert not pipeline.directory.exists()
+    assert capsys.readouterr().err == 'one: fkm: was killed\n'
     # The driver reports its count once a second, after the window too.
     settled, window, after = pipeline.slept
-    assert settled == run.SETTLE and window == 2.0 and after >= 1.0
+    assert settled == run.SETTLE
+    assert window == 2.0
+    assert after >= 1.0
 
 
 @pytest.mark.parametrize(
@@ -219,7 +224,8 @@ def test_two_runs_on_one_host_have_different_domains_and_buses(monkeypatch):
     own = child_process.private_environment()
     assert other.split()[-1] != child_process.bus_channel()
     assert not {own['ROS_DOMAIN_ID'], own['CAN_CONFIG']} & set(other.split(maxsplit=1))
-    assert 1 <= int(other.split()[0]) <= 101 and '"port": 20' in other
+    assert 1 <= int(other.split()[0]) <= 101
+    assert '"port": 20' in other
     # And so has one after the other.
     domains = set()
     for pid in (110, 160):
@@ -272,7 +278,8 @@ def test_a_bare_pipeline_passes_positions_on_at_the_rate(node):
     reported = []
     driver._status.publish = lambda *entry: reported.append(entry)
     driver._report()
-    assert reported[0][2]['sets'] >= 20 and set(reported[0][2]) == {'sets', 'missed deadlines'}
+    assert reported[0][2]['sets'] >= 20
+    assert set(reported[0][2]) == {'sets', 'missed deadlines'}
 
 
 @pytest.mark.parametrize(
@@ -328,7 +335,8 @@ def test_an_observer_writes_arrivals_and_statuses(node, tmp_path, capsys):
     observer._samples_file.close()
     observer._statuses_file.close()
     arrivals, stamps = run.read_samples(tmp_path)
-    assert stamps.tolist() == [5_000_000_006] * 3 and 0 <= min(arrivals) - began < 60e9
+    assert stamps.tolist() == [5_000_000_006] * 3
+    assert 0 <= min(arrivals) - began < 60e9
     assert [json.loads(line) for line in (tmp_path / run.STATUSES_FILE).open()] == [
         [9 * 10**9 + 7, 'fkm: timing', {'sets': '3'}]
     ]

@@ -41,7 +41,8 @@ def test_a_measurement_that_was_interrupted_goes_on_where_it_ended(tmp_path):
     # The first command is not run again, unless nobody asks to go on.
     rest = {second: PRINTED[second]}.__getitem__
     resumed = Measurer(kept, resume=True, run_command=rest)
-    assert '404' in resumed.page([SECTION]) and '712 math.sin' in resumed.page([SECTION])
+    assert '404' in resumed.page([SECTION])
+    assert '712 math.sin' in resumed.page([SECTION])
     with pytest.raises(KeyError):
         Measurer(kept, run_command=rest).page([SECTION])
 

@@ -77,7 +77,8 @@ def test_a_laparoscopic_slave_is_led_and_held_by_real_processes():
         r'([\d.]+) mm', figures['depth of the tip, smallest and largest']
     )
     # 100 mm at first; the hand inserts by 80 mm in all, less what pauses of the machine take.
-    assert float(smallest) >= 90.0 and 140.0 <= float(largest) <= 180.1
+    assert float(smallest) >= 90.0
+    assert 140.0 <= float(largest) <= 180.1
     assert float(figures['first command beside the slave, largest'].split()[0]) < 0.1
     for lost in ('insertion', 'orientation'):
         assert figures[f'{lost} lost: commands from then to the next enable'] == '0'

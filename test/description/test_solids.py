@@ -45,7 +45,8 @@ def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(geometry):
             for triangle in solid.triangles
             for a, b in zip(triangle, np.roll(triangle, -1), strict=True)
         )
-        assert set(edges.values()) == {1} and all((b, a) in edges for a, b in edges)
+        assert set(edges.values()) == {1}
+        assert all((b, a) in edges for a, b in edges)
         # None is inside out.
         parts = volumes(solid)
         assert (parts > 0.0).all()
@@ -56,7 +57,8 @@ def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(geometry):
     for body in bodies.values():
         moments = np.linalg.eigvalsh(body.inertia)
         # Positive definite, and no moment exceeds the sum of the two others.
-        assert moments[0] > 0.0 and moments[2] < moments[0] + moments[1]
+        assert moments[0] > 0.0
+        assert moments[2] < moments[0] + moments[1]
 
 
 @pytest.mark.parametrize('geometry', MECHANISMS)

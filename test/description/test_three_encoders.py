@@ -46,12 +46,16 @@ def errors(motion, seconds):
 def test_three_are_as_good_as_four_clear_of_the_singularity_and_lost_at_it():
     """While the device moves by up to 1 rad/s: readings are compared with poses of their time."""
     far = errors(lambda t: (radians(8.0), 0.3 * t, radians(10.0 * sin(3.0 * t))), 2.2)
-    assert len(far) > 80 and far[:, 1].min() > 0.1 and far[:, 2].max() < 0.5
+    assert len(far) > 80
+    assert far[:, 1].min() > 0.1
+    assert far[:, 2].max() < 0.5
     found = errors(lambda t: (0.0, 0.0, radians(45.0 - 20.0 * np.cos(0.5 * pi * t))), 4.0)
     near = found[found[:, 1] < 0.03]
     clear = found[found[:, 1] > 0.12]
-    assert len(near) > 7 and len(clear) > 7
-    assert near[:, 2].max() > 3.0 and clear[:, 2].max() < 1.0
+    assert len(near) > 7
+    assert len(clear) > 7
+    assert near[:, 2].max() > 3.0
+    assert clear[:, 2].max() < 1.0
 
 
 @pytest.fixture

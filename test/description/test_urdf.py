@@ -98,7 +98,8 @@ def test_the_joints_have_the_limits_of_the_other_rooms():
     }
     assert list(limits) == list(MECHANISM_JOINT_NAMES)
     (speed,) = [each.default for each in FKM_SETTINGS if each.name == 'joint_speed']
-    assert urdf.JOINT_SPEED == speed and urdf.MOTOR_TORQUE == ForceLimits().motor_torque
+    assert urdf.JOINT_SPEED == speed
+    assert urdf.MOTOR_TORQUE == ForceLimits().motor_torque
     assert {name for name, limit in limits.items() if float(limit['effort'])} == {
         f'joint_1{leg}' for leg in solids.LEGS
     }
@@ -113,8 +114,10 @@ def test_the_joints_reach_the_workspace_and_little_more(geometry):
     low, high = np.degrees(np.transpose(urdf.joint_limits(geometry)))
     least = np.min(found, axis=0)
     largest = np.max(found, axis=0)
-    assert (least >= low).all() and (largest <= high).all()
-    assert (least < low + 30.0).all() and (largest > high - 30.0).all()
+    assert (least >= low).all()
+    assert (largest <= high).all()
+    assert (least < low + 30.0).all()
+    assert (largest > high - 30.0).all()
 
 
 def test_the_installed_files_are_current():

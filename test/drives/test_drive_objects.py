@@ -96,14 +96,16 @@ def test_a_status_on_sync_has_no_timer(given, syncs):
     plan = make_test_plan(**given)
     found = {each.key: each.value for each in drive_objects(plan, plan.drives[0]).every}
     assert found[0x1800, 2] == syncs
-    assert (0x1800, 3) not in found and (0x1800, 5) not in found
+    assert (0x1800, 3) not in found
+    assert (0x1800, 5) not in found
 
 
 def test_what_was_verified_by_hand_need_not_be_there_and_is_compared_where_it_is():
     plan = make_test_plan(drives__verified_by_hand='0x6072 0x1400:05')
     found = {each.key: each for each in drive_objects(plan, plan.drives[0]).every}
     assert (0x1400, 5) not in found
-    assert found[0x6072, 0].holds(None) and not found[0x6072, 0].holds(999)
+    assert found[0x6072, 0].holds(None)
+    assert not found[0x6072, 0].holds(999)
 
 
 def test_a_drive_need_not_have_every_object():

@@ -82,7 +82,8 @@ def test_simulated_drives_are_proven_make_torques_and_report_a_fault(sim_bus, dr
     report = step_until(
         drives, TORQUES, lambda report: report.fault or report.torques == pytest.approx(TORQUES)
     )
-    assert report.fault is None and report.ready
+    assert report.fault is None
+    assert report.ready
     report = step_until(drives, (0.0, 2.0 * RATED, 0.0), lambda report: report.fault)
     assert not report.ready
     assert 'drive of joint_1b (node 12): EMCY 0x2350 I2t, load level fault' in report.fault

@@ -71,7 +71,8 @@ def test_epos4_is_set_up_once_its_limits_were_verified_by_hand(channel, setup):
     """Status on SYNC is transmission type 1; nothing of a timer is wanted."""
     with foreign_drives(channel, epos4) as nodes:
         code, text = setup(channel, **quoted(EPOS4))
-        assert code == 1 and 'TPDO1 transmission type: 255, wanted 1' in text
+        assert code == 1
+        assert 'TPDO1 transmission type: 255, wanted 1' in text
         for node in nodes:
             node.sdo[0x1800][2].raw = 1
         code, text = setup(channel, **quoted(EPOS4))
@@ -92,7 +93,8 @@ def test_one_optional_object_that_is_refused_does_not_end_the_comparison(channel
             node.sdo[0x1800][2].raw = 1
         code, text = setup(channel, **quoted(EPOS4))
     assert code == 0, text
-    assert '0x60C2:01' in text and 'need not have' in text
+    assert '0x60C2:01' in text
+    assert 'need not have' in text
 
 
 def test_ipos_cannot_be_used_as_it_does_not_notice_a_master_that_hangs(channel, setup):
@@ -100,7 +102,8 @@ def test_ipos_cannot_be_used_as_it_does_not_notice_a_master_that_hangs(channel, 
         code, text = setup(channel)
     assert code == 1
     assert 'does not notice a master that hangs: it cannot be used here' in text
-    assert 'drives.torque_unit: 0.0' in text and 'verified_by_hand: 0x6072:00' in text
+    assert 'drives.torque_unit: 0.0' in text
+    assert 'verified_by_hand: 0x6072:00' in text
 
 
 @pytest.mark.parametrize('objects', [faulhaber, epos2])

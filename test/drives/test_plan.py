@@ -137,7 +137,8 @@ def test_one_bus_has_one_sync(status_by, encoders, name, words):
     check(drives__combined=True, drives__status_by='encoder_sync')
     with pytest.raises(SettingError) as caught:
         check(encoders, drives__combined=True, drives__status_by=status_by)
-    assert caught.value.name == name and words in str(caught.value)
+    assert caught.value.name == name
+    assert words in str(caught.value)
 
 
 def test_the_sync_of_the_encoders_is_on_their_bus_alone():

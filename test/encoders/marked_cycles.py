@@ -52,7 +52,8 @@ def by_cycle(samples, mixed=-1):
     found = {}
     for sample in samples:
         number = round((sample.stamp * 1e-9 - T0) / PERIOD - 0.05)
-        assert number not in found and number >= max(found, default=0)
+        assert number not in found
+        assert number >= max(found, default=0)
         for index, reading in enumerate(sample.angles):
             assert (
                 isnan(reading) or number <= mixed or abs(reading - angle(index, number)) < COUNT

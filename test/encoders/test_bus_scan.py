@@ -48,7 +48,8 @@ def test_passive_scan_collects_for_its_time_and_sends_nothing(scan_of, clock):
     script = [node_frame(at, 0x181, bytes(4)) for at in (0.0, 0.049, 0.06)]
     scan, sent, _ = scan_of(script, 0.05)
     assert [(key, frame.count) for key, frame in scan.frames.items()] == [((False, 0x181), 2)]
-    assert sent == [] and clock.now == pytest.approx(0.05, abs=3e-3)
+    assert sent == []
+    assert clock.now == pytest.approx(0.05, abs=3e-3)
 
 
 def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(scan_of):
@@ -135,7 +136,8 @@ def test_echoes_are_not_in_the_table_and_others_are(scan_of):
     """As many frames as were sent are echoes; one more is another program's."""
     nmt = canopen.nmt(canopen.NMT_START, 5)
     scan, _, _ = scan_of([], 0.4, start=(5,), echoes=True)
-    assert scan.own_sync.count > 30 and scan.frames == {}
+    assert scan.own_sync.count > 30
+    assert scan.frames == {}
     scan, _, _ = scan_of([(3.0, nmt)], 0.4, start=(5,), echoes=True)
     assert scan.frames[False, 0].count == 1
 
@@ -148,8 +150,10 @@ def test_a_scan_goes_on_where_nobody_acknowledges(scan_of):
         start=(1, 2),
         refusal=can.CanOperationError('Transmit buffer full'),
     )
-    assert set(scan.frames) == {(False, 0x181)} and sent == []
-    assert scan.unsent['Transmit buffer full'] > 100 and scan.own_sync is None
+    assert set(scan.frames) == {(False, 0x181)}
+    assert sent == []
+    assert scan.unsent['Transmit buffer full'] > 100
+    assert scan.own_sync is None
     assert scan.started == set()
 
 

@@ -49,7 +49,8 @@ def test_a_bus_that_is_not_there_says_what_to_give(number, words):
         can.CanInitializationError(os.strerror(number), number),
     ):
         text = can_bus.first_line(error)
-        assert os.strerror(number) in text and '\n' not in text
+        assert os.strerror(number) in text
+        assert '\n' not in text
         assert all(word in text for word in words)
 
 

@@ -128,8 +128,10 @@ def test_differences_are_listed_and_on_request_written_stored_and_verified(facto
     ]
     ending = 'encoders as configured, stored and read back after a reset\n'
     assert compared.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
-    assert written.endswith(f'4 of 4 {ending}') and '; 9 written\n' in written
-    assert again.endswith(f'4 of 4 {ending}') and 'wanted' not in again
+    assert written.endswith(f'4 of 4 {ending}')
+    assert '; 9 written\n' in written
+    assert again.endswith(f'4 of 4 {ending}')
+    assert 'wanted' not in again
 
 
 @pytest.mark.parametrize(
@@ -219,7 +221,8 @@ def test_what_an_encoder_does_not_do_is_reported(factory, run, monkeypatch, chan
         monkeypatch.setattr(canopen_network, 'BOOT_TIMEOUT', 0.05)
         node.boot = lambda: []
     code, out, err = run(*ONE, '--write')
-    assert (code, err) == (1, '') and words in out
+    assert (code, err) == (1, '')
+    assert words in out
     assert out.endswith('1 of 1 encoders not set up\n')
 
 
@@ -239,7 +242,8 @@ def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
     layout = replace(LAYOUTS[0], extended=True, can_id=0x18FF1234)
     identifier = wanted_objects(layout, 1, 0x80, 1e-3, 0.1).pdos[0].identifier
     assert (identifier.index, identifier.value) == (0x1800, 0x38FF1234)
-    assert identifier.holds(0x78FF1234) and not identifier.holds(0x18FF1234)
+    assert identifier.holds(0x78FF1234)
+    assert not identifier.holds(0x18FF1234)
     assert identifier.changed(0xC0000181) == 0x78FF1234
 
 
@@ -292,7 +296,9 @@ def test_a_bus_that_failed_is_the_reason(channel):
 )
 def test_a_wrong_argument_is_reported(run, args, words):
     code, _, err = run(*args)
-    assert code == 1 and words in err and err.count('\n') == 1
+    assert code == 1
+    assert words in err
+    assert err.count('\n') == 1
 
 
 def test_without_the_library_it_is_named(monkeypatch):

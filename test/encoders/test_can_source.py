@@ -30,7 +30,8 @@ def test_sets_arrive_with_syncs_receive_time(rig):
     assert driver.fault is driver.caution is None
     figures = driver.statistics()
     assert (figures['bus'], figures['bus opened']) == ('virtual can7', 1)
-    assert 'last send refused' not in figures and 'SYNC sent' not in figures
+    assert 'last send refused' not in figures
+    assert 'SYNC sent' not in figures
 
 
 def test_a_read_ends_at_its_timeout_and_polls_in_between(rig):
@@ -38,7 +39,8 @@ def test_a_read_ends_at_its_timeout_and_polls_in_between(rig):
     assert driver.read(0.05) is None
     assert driver.clock.now == pytest.approx(0.05, abs=1e-5)
     waits = driver.buses[0].waits
-    assert max(waits) <= POLL_PERIOD + 1e-9 and len(waits) <= 5
+    assert max(waits) <= POLL_PERIOD + 1e-9
+    assert len(waits) <= 5
 
 
 def test_opening_is_tried_again_with_back_off_and_soon_after_frames(rig):
@@ -322,7 +324,8 @@ def test_a_producer_starts_with_each_bus_and_its_figures_are_in_the_statistics(p
     assert producer.method_calls == [call.start(), call.skip(), call.stop(), call.start()]
     producer.lost = 0.25
     producer.statistics.return_value = {'SYNC sent': 5}
-    assert driver.lost == 0.25 and driver.statistics()['SYNC sent'] == 5
+    assert driver.lost == 0.25
+    assert driver.statistics()['SYNC sent'] == 5
     assert driver.caution is None
     producer.yielding = True
     assert driver.caution == 'another master makes SYNC: this driver follows it and makes none'

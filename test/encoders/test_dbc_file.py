@@ -69,7 +69,8 @@ def test_the_lines_decode_what_the_file_describes(tmp_path, capsys):
                 scaling=False,
             )
             assert layout.counts(data) == raw
-            assert layout.counter(data) == 5 and layout.healthy(data)
+            assert layout.counter(data) == 5
+            assert layout.healthy(data)
     assert '# Joint3: counts_per_turn is 2 to the number of bits: compare the data sheet' in out
     assert 'status_good: the file does not say which value of SensorStatus1 is good' in out
 
@@ -96,7 +97,9 @@ def test_what_is_no_dbc_file_of_encoders_is_one_line(tmp_path, capsys, content, 
         path.write_text(content)
     assert can_scan.main(['can_scan', '--dbc', str(path)]) == 1
     error = capsys.readouterr().err
-    assert words in error and str(path) in error and error.count('\n') == 1
+    assert words in error
+    assert str(path) in error
+    assert error.count('\n') == 1
 
 
 def test_without_cantools_one_line_says_what_to_install(tmp_path, capsys, monkeypatch):

@@ -212,7 +212,8 @@ def test_E16_a_broken_configuration_of_python_can_is_named(
         monkeypatch.setenv('CAN_CONFIG', variable)
     with pytest.raises(InputError) as error:
         can_bus.check_interface('virtual')
-    assert words in str(error.value) and '\n' not in str(error.value)
+    assert words in str(error.value)
+    assert '\n' not in str(error.value)
     with pytest.raises(InputError):
         make_source('can', values(can__interface='virtual', can__channel='can7'))
 
@@ -235,7 +236,8 @@ def test_encoders_without_any_optional_object_are_read_without_a_caution(channel
     ):
         read_until(source, lambda: source.read(0.1))
         assert sets_for(source, 1.0) > 10
-        assert source.fault is None and source.caution is None
+        assert source.fault is None
+        assert source.caution is None
         assert source.statistics()['joint_1a error register'] == '0x00'
         read_until(source, lambda: source.statistics()['joint_1a serial number'] == 'none')
 

@@ -49,7 +49,8 @@ def test_E2_an_error_register_is_no_bus_as_configured(channel, run):
         assert code == 0 and GOOD in text, text
         encoders[3].put(0x10, 0x1001)
         code, text = run('--start')
-    assert code == 1 and '  joint_3a: error register 0x10 (communication)\n' in text
+    assert code == 1
+    assert '  joint_3a: error register 0x10 (communication)\n' in text
 
 
 def test_E10_an_encoder_that_ends_during_the_scan_is_not_as_configured(channel, run):
@@ -68,8 +69,10 @@ def test_E10_an_encoder_that_ends_during_the_scan_is_not_as_configured(channel, 
     if 'this machine is too busy' in text:
         pytest.skip(f'{SKIPPED}SYNC was not sent at its rate')
     assert code == 1
-    assert 'joint_1b: 0x182 answers 10 of ' in text and ', the last one 1.' in text
-    assert 'joint_1b: its last heartbeat came 1.' in text and 'joint_1a: 0x181' not in text
+    assert 'joint_1b: 0x182 answers 10 of ' in text
+    assert ', the last one 1.' in text
+    assert 'joint_1b: its last heartbeat came 1.' in text
+    assert 'joint_1a: 0x181' not in text
 
 
 @pytest.mark.parametrize(('share', 'good'), [(0.0, True), (0.03, False), (1.0, False)])
@@ -121,7 +124,8 @@ def test_E12_devices_with_one_node_id_are_counted(channel, run):
         with buses[0], buses[1], buses[2], buses[3]:
             code, text = run('--start')
     sentence = 'four devices have node id 127: give each its own, one at a time on the bus'
-    assert code == 1 and f'not as configured:\n  {sentence}' in text
+    assert code == 1
+    assert f'not as configured:\n  {sentence}' in text
     assert f'# none: {sentence}' in text
 
 
@@ -131,7 +135,8 @@ def test_E12_two_devices_with_the_id_of_a_joint_are_named_and_not_counted(channe
         foreign_bus(channel, (2, objects_of(2) | {(0x1018, 4): Held(9, access='ro')})),
     ):
         code, text = run('--start')
-    assert code == 1 and 'two devices have node id 2: give each' in text
+    assert code == 1
+    assert 'two devices have node id 2: give each' in text
     assert ' times in ' not in text
 
 
@@ -193,7 +198,8 @@ def test_E14_nodes_that_answer_and_send_nothing_are_named(channel, run):
         for encoder in encoders:
             encoder.on_sync = lambda: None
         code, text = run()
-    assert code == 1 and 'no frames at all' not in text
+    assert code == 1
+    assert 'no frames at all' not in text
     assert (
         'no frames, but answers to SDO of node 1, 2, 3, 4, 5, 6: they do not send yet. Start them '
         '(can_scan --start), and set them up (can_setup --write)' in text
@@ -213,11 +219,13 @@ def test_E6_phases_without_sync_are_named(phases, good):
     remark = scan_report.remark_on_phases(scan, expected)
     words = 'SYNC is needed (encoders.sync_id: 0x80, and can_setup)'
     if good:
-        assert found == [] and remark.startswith('without SYNC the frames come at phases of ')
+        assert found == []
+        assert remark.startswith('without SYNC the frames come at phases of ')
         assert 'joint_1a 0.0, joint_1b 1.0, joint_1c 2.0, joint_3a 3.0 ms in 10 ms' in remark
     else:
         (line,) = found
-        assert remark is None and 'no set is complete within half a period' in line
+        assert remark is None
+        assert 'no set is complete within half a period' in line
     assert words in (remark or line)
 
 
@@ -256,7 +264,8 @@ def test_item_4_watch_shows_which_encoder_moves(channel, run):
     assert [line.split()[0] for line in lines] == [each.joint for each in LAYOUTS]
     assert 'node   1  0x181  counts     100     2.20 deg  span    0.00 deg  age ' in lines[0]
     assert [('<- moves now' in line) for line in lines] == [False, False, True, False]
-    assert 'error register 0x00' in lines[0] and 'error register 0x04 (voltage)' in lines[3]
+    assert 'error register 0x00' in lines[0]
+    assert 'error register 0x04 (voltage)' in lines[3]
 
 
 def test_item_4_watch_has_span_status_and_what_does_not_fit():

@@ -72,7 +72,8 @@ def test_E4_a_store_that_was_refused_is_no_success_at_the_second_run(channel, ru
         encoder.boot = lambda: encoder.network.send_message(0x702, [0])  # keeps its values
         for _ in range(2):
             code, text = run('--write')
-            assert code == 1 and 'refuses 0x65766173 for 0x1010:01' in text
+            assert code == 1
+            assert 'refuses 0x65766173 for 0x1010:01' in text
             assert 'as configured\n' not in text.splitlines()[-1]
         assert encoder.stored == {}
 
@@ -81,7 +82,8 @@ def test_E4_values_that_another_tool_wrote_are_stored(channel, run):
     with foreign_bus(channel, (2, objects_of(2, o1017=Held(0, 2)))) as (encoder,):
         encoder.put(100, 0x1017)
         code, text = run('--write')
-        assert code == 0 and '1 of 1 encoders as configured, stored and read back' in text
+        assert code == 0
+        assert '1 of 1 encoders as configured, stored and read back' in text
         encoder.boot()
         assert encoder.value(0x1017) == 100
 
@@ -93,11 +95,14 @@ def test_E4_a_device_that_cannot_store_is_not_written(channel, run):
         (2, objects_of(2, o1010_01=None, o1017=Held(0, 2)), lambda **_: written.append(1)),
     ):
         code, text = run('--write')
-        assert code == 1 and 'node 2 cannot store (0x1010:01)' in text and written == []
+        assert code == 1
+        assert 'node 2 cannot store (0x1010:01)' in text
+        assert written == []
         assert 'nothing was written' in text
     with foreign_bus(channel, (2, objects_of(2, o1010_01=None))):
         code, text = run('--write')
-        assert code == 0 and 'not stored by this run: it cannot store (0x1010:01)' in text
+        assert code == 0
+        assert 'not stored by this run: it cannot store (0x1010:01)' in text
         assert text.endswith('as configured, 0 of them stored and read back after a reset\n')
 
 
@@ -178,7 +183,8 @@ def test_E8_a_refusal_in_the_middle_is_put_back(channel, run):
             '6 and encoders.byte_offset: 0' in text
         )
         assert 'not stored: a reset has undone what was written' in text
-        assert encoder.value(0x1800, 1) == 0x40000182 and encoder.value(0x1800, 2) == 254
+        assert encoder.value(0x1800, 1) == 0x40000182
+        assert encoder.value(0x1800, 2) == 254
 
 
 def test_E8_what_a_reset_does_not_put_back_is_half_written(channel, run):
@@ -187,7 +193,8 @@ def test_E8_what_a_reset_does_not_put_back_is_half_written(channel, run):
     with foreign_bus(channel, (2, held, refuse)) as (encoder,):
         encoder.boot = lambda: encoder.network.send_message(0x702, [0])
         code, text = run('--write')
-        assert code == 1 and 'half written, and not stored: power-cycle it' in text
+        assert code == 1
+        assert 'half written, and not stored: power-cycle it' in text
         assert 'set encoders.counts_per_turn: 65536' in text
 
 
@@ -220,7 +227,8 @@ def test_E9_each_object_is_judged_by_itself(channel, run, changes, good):
             assert encoder.value(0x1800, 2) == 1
             assert run()[0] == 0
         else:
-            assert code == 1 and good in text
+            assert code == 1
+            assert good in text
         assert ('no heartbeat (0x1017)' in text) == ('o1017' in changes)
 
 
@@ -251,7 +259,8 @@ def test_E17_an_answer_without_a_size_is_written_with_that_of_the_object(channel
         server.send_response = without_size
         code, text = run('--write')
         assert code == 0, text
-        assert encoder.value(0x1800, 2) == 1 and encoder.value(0x1017) == 100
+        assert encoder.value(0x1800, 2) == 1
+        assert encoder.value(0x1017) == 100
 
 
 def test_an_abort_of_one_optional_object_does_not_end_the_comparison(channel, run):
@@ -263,7 +272,8 @@ def test_an_abort_of_one_optional_object_does_not_end_the_comparison(channel, ru
 
         encoder.node.add_read_callback(on_read)
         code, text = run()
-    assert code == 0 and '0x1006:00' in text
+    assert code == 0
+    assert '0x1006:00' in text
 
 
 def test_encoders_without_any_optional_object_are_as_configured(channel, run):
@@ -272,7 +282,8 @@ def test_encoders_without_any_optional_object_are_as_configured(channel, run):
         code, text = run('--write', joints=joints)
     assert code == 0, text
     assert text.count('4 of 4 objects as configured') == 4
-    assert 'not stored by this run' in text and 'no object has its counts per turn' in text
+    assert 'not stored by this run' in text
+    assert 'no object has its counts per turn' in text
 
 
 def eds(tmp_path, held, **limits):
@@ -365,4 +376,7 @@ def test_a_file_that_is_no_eds_is_one_line(run, tmp_path, name, content, words):
     if content is not None:
         path.write_text(content)
     code, text = run('--eds', str(path))
-    assert code == 1 and words in text and str(path) in text and text.count('\n') == 1
+    assert code == 1
+    assert words in text
+    assert str(path) in text
+    assert text.count('\n') == 1

@@ -169,7 +169,8 @@ def test_an_answer_too_many_spoils_its_cycle_or_after_the_set_is_a_caution_for_a
     taker = decoder()
     surplus = 'two answers from joint_1c in one cycle'
     assert feed(taker, [*cycle(-1)[:4], answer(2, T0 - 2e-4), cycle(-1)[4]]) == []
-    assert taker.assembler.cause == surplus and taker.caution(T0) is None
+    assert taker.assembler.cause == surplus
+    assert taker.caution(T0) is None
     assert len(feed(taker, [*cycle(0), answer(2, T0 + 8e-4)])) == 1
     assert len(feed(taker, cycle(1))) == 1
     assert taker.tally()[f'rejected: {surplus}'] == 2 == taker.tally()[f'dropped: {surplus}'] + 1

@@ -75,7 +75,8 @@ def test_counts_become_the_joint_angle(per_turn, direction):
     # Half a count, and half an entry of the table: 2.4e-5 deg for a slope of 1 %.
     apart = (found - angles + pi) % (2.0 * pi) - pi
     assert np.abs(apart).max() <= 1.02 * pi / per_turn + 1e-6
-    assert (-pi < found).all() and (found <= pi).all()
+    assert (-pi < found).all()
+    assert (found <= pi).all()
 
 
 def test_no_harmonics_by_default_and_none_where_they_are_zero():
@@ -86,7 +87,8 @@ def test_no_harmonics_by_default_and_none_where_they_are_zero():
             encoders__table_deg__joint_3a=[0.01, 0.0, 0.0, 0.0, 0.0],
         )
     )
-    assert found[0] is None and found[2] is None
+    assert found[0] is None
+    assert found[2] is None
     assert found[1] == Harmonics(0.0, radians(0.1))
     assert found[3] == Harmonics(table=(radians(0.01), 0.0, 0.0, 0.0, 0.0))
 

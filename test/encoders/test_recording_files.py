@@ -155,7 +155,8 @@ def test_the_replay_of_kept_frames_gives_the_same_sets(rig, producing, tmp_path,
     # A log of microseconds ends before the SYNC that ends an incomplete cycle.
     assert len(again) == len(sets) > 150
     for live, kept in zip(sets, again, strict=True):
-        assert kept.angles == live.angles and abs(kept.stamp - live.stamp) <= 1000
+        assert kept.angles == live.angles
+        assert abs(kept.stamp - live.stamp) <= 1000
 
 
 def test_a_table_is_made_with_its_first_row_and_no_file_is_overwritten(tmp_path):

@@ -73,7 +73,8 @@ def test_a_late_reader_gets_sets_at_once(replay, clock):
     source.read(1.0)
     slept = len(clock.slept)
     clock.now += 1.0
-    assert source.read(0.0) and source.read(0.0)
+    assert source.read(0.0)
+    assert source.read(0.0)
     assert len(clock.slept) == slept
     with pytest.raises(SourceEnded, match='played to its end, 3 sets'):
         source.read(1.0)
@@ -105,4 +106,5 @@ def test_a_recording_without_sets_for_long_is_a_fault(replay, clock):
     assert source.read(1.0) is source.read(1.0) is None
     assert clock.slept == [1e-3] * 2
     assert source.fault == 'no set of four encoders in 1000 frames of the recording'
-    assert source.read(1.0) and source.read(1.0)
+    assert source.read(1.0)
+    assert source.read(1.0)

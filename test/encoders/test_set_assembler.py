@@ -71,7 +71,8 @@ def test_answers_that_pile_up_are_never_taken_for_fresh(stall, at_once, answered
             got += feed(taker, [message])
         del queue[:able]
     numbers = [*by_cycle(got)]
-    assert numbers[:10] == [*range(10)] and numbers[-10:] == [*range(30, 40)]
+    assert numbers[:10] == [*range(10)]
+    assert numbers[-10:] == [*range(30, 40)]
 
 
 @pytest.mark.parametrize(
@@ -283,7 +284,8 @@ def test_E6_encoders_without_sync_at_other_phases_are_named_by_their_phase(phase
         for index in sorted(range(4), key=phases.__getitem__):
             taker.answer(index, 0.1, 64.0 + number + phases[index])
     reason = 'dropped: frames further apart than the window'
-    assert taker.counters['sets'] == 0 and taker.counters[reason] >= 19
+    assert taker.counters['sets'] == 0
+    assert taker.counters[reason] >= 19
     assert taker.cause.startswith('without SYNC joint_')
     assert 'a set needs all frames within 500 ms: SYNC is needed' in taker.cause
 

@@ -48,7 +48,8 @@ def test_a_reading_is_the_position_at_the_sync_of_its_cycle():
     first, second = readings(taker, [*cycle(0), slide(0, 0.05), grip])
     assert (first.name, second.name) == ('insertion', 'gripper')
     assert first.stamp == second.stamp == pytest.approx(T0 * 1e9, abs=1000)
-    assert first.position == pytest.approx(0.05) and second.position == pytest.approx(math.pi / 4)
+    assert first.position == pytest.approx(0.05)
+    assert second.position == pytest.approx(math.pi / 4)
 
 
 def test_no_set_waits_for_an_axis_and_none_is_part_of_one():
@@ -197,7 +198,9 @@ def test_a_lost_slide_is_silent_by_itself_and_the_orientation_goes_on(channel):
         end = time.monotonic() + 1.0
         while time.monotonic() < end:
             sets += source.read(0.05) is not None
-        assert sets > 10 and source.fault is None and source.caution is None
+        assert sets > 10
+        assert source.fault is None
+        assert source.caution is None
         assert source.axes[0].fault(time.time()).startswith('insertion missing')
 
 
@@ -211,6 +214,7 @@ def test_scan_and_set_up_know_the_slide(channel, capsys, monkeypatch):
     with foreign_bus(channel, *((n, objects_of(n)) for n in NODES[:4]), (5, slide_objects)):
         assert can_scan.main(['can_scan', *bus, '--start', '--seconds', '1']) == 0
         out = capsys.readouterr().out
-        assert '  insertion\n' in out and 'node_id: [1, 2, 3, 4]\n' in out
+        assert '  insertion\n' in out
+        assert 'node_id: [1, 2, 3, 4]\n' in out
         assert can_setup.main(['can_setup', *bus, '--joint', 'insertion']) == 0
         assert 'insertion, node 5: encoder' in capsys.readouterr().out

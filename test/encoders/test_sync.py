@@ -63,7 +63,8 @@ def test_it_listens_then_probes_then_keeps_its_grid(producer):
     assert made.times() == pytest.approx(
         [LISTEN, *(LISTEN + PROBE + PERIOD * number for number in range(36))]
     )
-    assert states == [False] + [True] * 36 and not made.producing
+    assert states == [False] + [True] * 36
+    assert not made.producing
     assert made.statistics() == {
         'SYNC sent': 37,
         'SYNC not sent': 0,
@@ -190,7 +191,8 @@ def test_the_thread_starts_and_ends_again_and_again():
     for _ in range(2):
         made.start()
         thread = made._thread
-        assert thread.daemon and thread.is_alive()
+        assert thread.daemon
+        assert thread.is_alive()
         made.stop()
         assert not thread.is_alive()
 

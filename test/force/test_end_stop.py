@@ -117,7 +117,8 @@ def test_three_motors_push_only_where_they_are_strong():
         x = np.clip((1.0 / needed - 0.05) / 0.1, 0.0, 1.0)
         assert share == pytest.approx(x * x * (3.0 - 2.0 * x), abs=1e-9)
         seen.append(share)
-    assert min(seen) < 0.9 and max(seen) == 1.0
+    assert min(seen) < 0.9
+    assert max(seen) == 1.0
 
 
 def at(R):

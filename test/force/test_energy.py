@@ -42,9 +42,11 @@ def test_what_the_motors_give_is_taken_from_the_budget():
     assert budget.energy == pytest.approx(ADVANCE - 0.4e-3)
     assert (budget.damping, budget.share) == (0.0, 1.0)
     spend(budget, 1.2e-3, 5)
-    assert budget.damping == 1.0 and budget.share == 1.0
+    assert budget.damping == 1.0
+    assert budget.share == 1.0
     spend(budget, 10.4e-3, 4)
-    assert budget.energy == pytest.approx(-10e-3) and budget.share == pytest.approx(0.5)
+    assert budget.energy == pytest.approx(-10e-3)
+    assert budget.share == pytest.approx(0.5)
 
 
 def test_what_the_hand_gives_is_kept_up_to_the_energy_of_the_softest_spring():
@@ -65,9 +67,11 @@ def test_the_damping_comes_within_4_ms_and_goes_within_20(given):
         budget.count(given if number % 2 else -given, (0.0, 0.0, 0.0), DT)
         found.append(budget.damping)
     assert max(found) == 1.0
-    assert np.diff(found).min() >= -0.05 - 1e-9 and np.diff(found).max() <= 0.25 + 1e-9
+    assert np.diff(found).min() >= -0.05 - 1e-9
+    assert np.diff(found).max() <= 0.25 + 1e-9
     spend(budget, -1.0, 1, (0.0, 0.0, 0.3))
-    assert budget.damping > 0.0 and budget.share == 1.0
+    assert budget.damping > 0.0
+    assert budget.share == 1.0
     spend(budget, 0.0, 20, (0.0, 0.0, 0.3))
     assert budget.damping == 0.0
 
@@ -86,7 +90,8 @@ def test_the_work_of_motors_whose_joints_cross_half_a_turn():
             assert work == pytest.approx(1e-3 - 20e-3)
     assert motion.velocity == pytest.approx((1.0, -2.0, 0.0))
     assert motion.work(12_000_000, (0.0, float('nan'), 0.0, 9.0), WEIGHTS, DT) is None
-    assert motion.is_missing and motion.velocity is None
+    assert motion.is_missing
+    assert motion.velocity is None
     assert motion.work(13_000_000, (0.0, 0.0, 0.0, 9.0), WEIGHTS, DT) is None
     assert not motion.is_missing
 
@@ -107,7 +112,8 @@ def test_an_encoder_that_jumps_is_no_motion():
     for step in range(12):
         motion.work(step * 1_000_000, (1e-3 * step, 0.0, 0.0), WEIGHTS, DT)
     assert motion.work(12_000_000, (0.012, 0.087, 0.0), WEIGHTS, DT) is None
-    assert motion.velocity is None and not motion.is_missing
+    assert motion.velocity is None
+    assert not motion.is_missing
     assert motion.work(13_000_000, (0.013, 0.087, 0.0), WEIGHTS, DT) == pytest.approx(1e-3)
 
 
@@ -199,7 +205,8 @@ def test_a_lock_that_generates_energy_falls_with_its_share():
     bench.run(600, lock=turned(0.2))
     for output, _ in islice(yielding(bench, lock=turned(0.2)), 400):
         assert math.hypot(*output.asked) <= 0.2 * output.share + 0.02
-    assert output.state.text == 'engaged' and output.share < 0.9
+    assert output.state.text == 'engaged'
+    assert output.share < 0.9
 
 
 @pytest.mark.parametrize('rate', [250, 500, 1000])
@@ -256,7 +263,8 @@ def test_fast_loops_move_no_motor_by_jerks():
     R = pose(FADE_ZONE)
     motion, environment, seconds = loops(R, 5.0, 12, 1)
     found = run(R, Slave(environment), seconds, motion=motion, hand=None)
-    assert found.generated <= 20e-3 and found.energy[found.start :].min() < 0.0
+    assert found.generated <= 20e-3
+    assert found.energy[found.start :].min() < 0.0
     assert np.abs(np.diff(found.torque[found.start :], axis=0)).max() <= 0.2
 
 

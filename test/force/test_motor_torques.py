@@ -120,7 +120,8 @@ def test_strong_directions_are_exact_unless_a_motor_is_at_its_limit():
     free = np.abs(found.motor_torque).max(axis=1) < 0.5 - 1e-9
     missing = found.rendered - torque
     strong = missing - np.einsum('ni,ni,nj->nj', missing, right[:, 2], right[:, 2])
-    assert free.mean() > 0.5 and (sigma[free, 2] < 0.05).sum() > 50
+    assert free.mean() > 0.5
+    assert (sigma[free, 2] < 0.05).sum() > 50
     assert np.linalg.norm(strong, axis=1)[free].max() <= 0.01 * 0.2
 
 
@@ -142,7 +143,8 @@ def test_a_large_torque_along_the_weak_direction_falls_with_the_distance_from_th
     most = 1.4 * 0.5 * (sigma[:, 2] - 0.2 * 0.05)
     near = (sigma[:, 2] > 0.05) & (sigma[:, 2] < 0.3)
     left = (most - np.linalg.norm(found.rendered, axis=1))[near]
-    assert left.min() > -1e-5 and np.mean(left < 1e-3) > 0.8
+    assert left.min() > -1e-5
+    assert np.mean(left < 1e-3) > 0.8
 
 
 @pytest.mark.parametrize('tilt_deg', [0.0, 5.0, 12.0])
@@ -208,10 +210,12 @@ def test_a_batch_is_its_samples():
     for motors in (3, 4):
         batch = render(R.reshape(-1, 1, 3, 3), torque[:4], motors=motors)
         assert batch.motor_torque.shape == (len(R), 4, motors)
-        assert batch.rendered.shape == (len(R), 4, 3) and batch.fraction.shape == (len(R), 4)
+        assert batch.rendered.shape == (len(R), 4, 3)
+        assert batch.fraction.shape == (len(R), 4)
         one = render(R[7], torque[2], motors=motors)
         np.testing.assert_array_equal(one.motor_torque, batch.motor_torque[7, 2])
-        assert one.fraction.shape == () and one.fraction == batch.fraction[7, 2]
+        assert one.fraction.shape == ()
+        assert one.fraction == batch.fraction[7, 2]
 
 
 @pytest.mark.parametrize('motors', [3, 4])
@@ -248,7 +252,8 @@ def test_wrong_arguments(wrong):
 
 def test_nothing_asked_is_all_rendered():
     found = render(workspace_pose(0.1, 0.0, 0.3), (0.0, 0.0, 0.0))
-    assert (found.motor_torque == 0.0).all() and found.fraction == 1.0
+    assert (found.motor_torque == 0.0).all()
+    assert found.fraction == 1.0
 
 
 def test_the_weight_is_held_by_the_slope_of_its_potential_energy():

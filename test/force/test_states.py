@@ -172,22 +172,26 @@ def test_what_ends_force(changed, reason, motors):
     if reason is Reason.STALE:
         bench.torque = None
     output = bench.step(**changed)
-    assert output.state.text == f'fading: {reason.value}' and output.obstacle is reason
+    assert output.state.text == f'fading: {reason.value}'
+    assert output.obstacle is reason
     previous = before
     for _ in range(15):
         # Each motor goes down steadily.
         for new, old in zip(output.motor_torque, previous.motor_torque, strict=True):
-            assert abs(new) <= abs(old) and new * old >= 0.0
+            assert abs(new) <= abs(old)
+            assert new * old >= 0.0
         previous = output
         output = bench.step(**changed)
-    assert not any(output.motor_torque) and largest > 0.05
+    assert not any(output.motor_torque)
+    assert largest > 0.05
     if reason is Reason.DRIVE:
         assert not any(bench.outputs[-12].motor_torque)
     bench.torque = STILL
     after = bench.run(700)
     if reason in LATCHED:
         assert after.state.text == f'fault: {reason.value}'
-        assert bench.controller.acknowledge() and not bench.controller.acknowledge()
+        assert bench.controller.acknowledge()
+        assert not bench.controller.acknowledge()
         assert bench.step().state.text == 'off'
     bench.engage()
     assert bench.outputs[-1].state.condition is Condition.ENGAGED
@@ -213,7 +217,8 @@ def test_an_encoder_that_jumps_turns_no_motor_up():
     for _ in range(20):
         output = bench.step(**jumped)
         for new, old in zip(output.motor_torque, before.motor_torque, strict=True):
-            assert abs(new) <= abs(old) and new * old >= 0.0
+            assert abs(new) <= abs(old)
+            assert new * old >= 0.0
         before = output
     assert output.state.why is Reason.NO_ORIENTATION
 
@@ -297,7 +302,8 @@ def test_a_weight_that_was_never_up_latches_nothing():
     bench = Bench(gravity=WEIGHT)
     for changed in ({'protection_level': 1.0}, {'quaternion': None, 'velocity': None}):
         output = bench.run(300, **changed)
-        assert output.state.text == 'ready' and output.motor_torque == ZERO
+        assert output.state.text == 'ready'
+        assert output.motor_torque == ZERO
 
 
 def test_a_fault_of_the_wrench_becomes_one_of_the_orientation():
@@ -340,7 +346,8 @@ def test_a_wrench_that_is_lost_gives_no_blow(speed):
             quaternion=tuple(quaternion_from_matrix(R).tolist()),
             velocity=tuple((min(1.0, 0.1 * number) * speed * R[:, 2]).tolist()),
         )
-    assert bench.outputs[-70].state.text == 'engaged' and bench.outputs[-1].state.text == 'ready'
+    assert bench.outputs[-70].state.text == 'engaged'
+    assert bench.outputs[-1].state.text == 'ready'
     assert np.linalg.norm(bench.outputs[-65].rendered) == pytest.approx(0.005 * speed)
     assert steps(bench, 100).max() <= 0.01
 
@@ -420,7 +427,8 @@ def test_the_clutch_lets_the_wrench_go_and_holds_the_weight():
     bench = Bench(gravity=gravity)
     bench.engage((0.0, 0.0, 0.2))
     output = bench.run(60, clutched=True)
-    assert output.state.text == 'holding' and output.asked == ZERO
+    assert output.state.text == 'holding'
+    assert output.asked == ZERO
     weight = np.linalg.norm(output.rendered)
     assert 0.01 < weight < 0.05
     assert steps(bench, 61).max() <= 0.01 + 1e-9
@@ -450,7 +458,8 @@ def test_without_a_velocity_neither_wrench_nor_lock_is_rendered(lock):
     bench = Bench()
     bench.engage((0.18, 0.0, 0.24))
     output = bench.run(40, velocity=None, lock=lock)
-    assert output.state.condition is Condition.ENGAGED and output.asked == ZERO
+    assert output.state.condition is Condition.ENGAGED
+    assert output.asked == ZERO
     assert bench.run(40).asked == pytest.approx((0.18, 0.0, 0.24))
     steps = np.diff([each.asked for each in bench.outputs[-81:]], axis=0)
     assert np.linalg.norm(steps, axis=1).max() <= 0.01 + 1e-9
@@ -470,7 +479,8 @@ def test_a_pose_that_a_leg_does_not_reach_ends_force(quaternion):
     bench.engage()
     output = bench.step(quaternion=quaternion)
     assert output.state.text == f'fading: {Reason.NO_ORIENTATION.value}'
-    assert output.rendered is None and all(map(math.isfinite, output.motor_torque))
+    assert output.rendered is None
+    assert all(map(math.isfinite, output.motor_torque))
 
 
 @pytest.mark.slow
@@ -514,7 +524,8 @@ def test_thousands_of_random_faults_and_transitions(count):
                 assert output.asked == ZERO
                 assert np.linalg.norm(output.rendered) <= 0.05
         bench.outputs.clear()
-    assert {'off', 'ready', 'engaged', 'holding'} < seen and len(seen) > 20
+    assert {'off', 'ready', 'engaged', 'holding'} < seen
+    assert len(seen) > 20
 
 
 @pytest.mark.parametrize(
@@ -581,7 +592,8 @@ def test_a_lock_holds_without_wrenches_and_ends_when_it_is_let_go():
     bench.torque = None
     assert bench.run(100, lock=LOCK).state.text == 'holding'
     np.testing.assert_allclose(bench.outputs[-1].rendered, PULL, atol=1e-9)
-    assert bench.run(40).state.text == 'ready' and bench.outputs[-1].motor_torque == ZERO
+    assert bench.run(40).state.text == 'ready'
+    assert bench.outputs[-1].motor_torque == ZERO
     assert steps(bench, 100).max() <= 0.02
 
 

@@ -88,15 +88,19 @@ RIGHT = [
 @pytest.mark.parametrize('R, sigma, most_beyond', RIGHT)
 def test_the_covariance_of_four_sensors_describes_the_errors(R, sigma, most_beyond):
     rms, squares, beyond, answered = measure_four(R, sigma)
-    assert rms == pytest.approx(1.0, abs=0.02) and squares == pytest.approx(1.0, abs=0.03)
-    assert beyond < most_beyond and answered == 1.0
+    assert rms == pytest.approx(1.0, abs=0.02)
+    assert squares == pytest.approx(1.0, abs=0.03)
+    assert beyond < most_beyond
+    assert answered == 1.0
 
 
 @pytest.mark.parametrize('leg', [0, 1, 2])
 def test_tails_at_three_sigma_from_the_boundary_of_a_working_mode(leg):
     rms, squares, beyond, answered = measure_four(near_boundary(leg, 3.0 * SIGMA))
     assert rms == pytest.approx(1.0, abs=0.02)
-    assert squares > 1.03 and 5e-3 < beyond < 2e-2 and answered > 0.99
+    assert squares > 1.03
+    assert 5e-3 < beyond < 2e-2
+    assert answered > 0.99
 
 
 @pytest.mark.slow
@@ -125,4 +129,5 @@ def test_three_sensors_near_the_parallel_singularity(away_deg, rms, answered):
     assert row[0] == pytest.approx(rms, abs=0.03)
     assert row[3] == pytest.approx(answered, abs=0.02)
     if away_deg < 2.0:
-        assert row[1] > 1.2 and row[2] > 8e-3
+        assert row[1] > 1.2
+        assert row[2] > 8e-3

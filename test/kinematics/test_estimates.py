@@ -41,7 +41,8 @@ def test_noise_is_at_the_bound_and_the_parity_vector_is_white(pose, sensors, as_
         found.parity_vector[:, 0] if sensors == 4 else np.linalg.norm(found.parity_vector, axis=-1)
     )
     np.testing.assert_allclose(found.parity, expected, rtol=1e-12)
-    assert found.determined.all() and found.consistent.mean() > 0.999
+    assert found.determined.all()
+    assert found.consistent.mean() > 0.999
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
@@ -123,7 +124,8 @@ def test_determined_is_not_consistent():
     np.testing.assert_array_equal(batch.consistent, expected)
     for row, reading in enumerate(readings):
         single = estimated(reading)
-        assert single.consistent == expected[row] and single.consistent.shape == ()
+        assert single.consistent == expected[row]
+        assert single.consistent.shape == ()
 
 
 @pytest.mark.parametrize('total, determined', [(0.0999, True), (0.1001, False)])

@@ -35,11 +35,14 @@ def test_a_mechanism_is_a_value():
     drawn = random_built(np.random.default_rng(198))
     built = drawn.geometry
     again = Built(drawn.base, drawn.platform, drawn.alpha, drawn.beta).geometry
-    assert built is not again and Geometry() != built
+    assert built is not again
+    assert Geometry() != built
     for g, same in ((built, again), (Geometry(), Geometry(*np.radians([39.3, 34.1, 18.2])))):
-        assert g == same and hash(g) == hash(same)
+        assert g == same
+        assert hash(g) == hash(same)
         for copied in (pickle.loads(pickle.dumps(g)), copy.deepcopy(g)):
-            assert copied == g and copied.chain == g.chain
+            assert copied == g
+            assert copied.chain == g.chain
         assert eval(repr(g), {'Geometry': Geometry}) == g
         for name in ('alpha', 'alphas', 'legs', 'other'):
             with pytest.raises(AttributeError, match=name):
@@ -88,7 +91,8 @@ def test_impossible_mechanisms(name, value, quoted):
     }
     with pytest.raises(GeometryError, match=quoted) as caught:
         Geometry.from_axes(**arguments)
-    assert name in str(caught.value) and '\n' not in str(caught.value)
+    assert name in str(caught.value)
+    assert '\n' not in str(caught.value)
 
 
 @pytest.mark.parametrize('degrees, accepted', [(0.11, True), (0.09, False)])

@@ -26,7 +26,8 @@ def test_unreachable_is_exactly_what_the_links_cannot_span():
         g = built.geometry
         joints = kinematics.inverse(R, g)
         expected = built.margins(R).min(-1) >= 0.0
-        assert joints.theta1.shape == (20, 15, 3) and 0 < expected.sum() < 300
+        assert joints.theta1.shape == (20, 15, 3)
+        assert 0 < expected.sum() < 300
         for values in (
             *np.moveaxis(joints.theta1, -1, 0),
             joints.theta2a,
@@ -136,7 +137,8 @@ def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(degrees):
         kinematics.parallel_determinant(turn(part * got.distance * np.array(got.axis)) @ rotation)
         for part in (1.0, 1.001)
     )
-    assert abs(there) < 1e-6 * abs(here) and beyond * here < 0.0
+    assert abs(there) < 1e-6 * abs(here)
+    assert beyond * here < 0.0
     # Neither along random directions nor just beside the one that was found.
     rng = np.random.default_rng(53)
     directions = np.concatenate(
@@ -203,7 +205,8 @@ def test_figures_6_and_15_dexterity_over_the_cone():
     R = kinematics.workspace_pose(tilt, np.radians(np.arange(0.0, 360.0, 2.0))[:, None], PHI)
     three = kinematics.dexterity(R)
     four = kinematics.dexterity(R, sensors=4)
-    assert three.min() < 5e-4 and three.max() == pytest.approx(0.101, abs=1e-3)
+    assert three.min() < 5e-4
+    assert three.max() == pytest.approx(0.101, abs=1e-3)
     assert (four.min(), four.max()) == pytest.approx((0.323, 0.502), abs=1e-3)
 
 
@@ -219,7 +222,9 @@ def test_locus_is_where_the_determinant_changes_sign(phi_deg):
     phi = math.radians(phi_deg)
     tilt, azimuth = kinematics.singularity_locus(phi, math.radians(26.0))
     assert kinematics.singularity_locus(0.0, math.radians(13.0))[0].shape == (0,)
-    assert len(tilt) > 50 and tilt.max() <= math.radians(26.0) and np.diff(azimuth).min() >= 0.0
+    assert len(tilt) > 50
+    assert tilt.max() <= math.radians(26.0)
+    assert np.diff(azimuth).min() >= 0.0
     np.testing.assert_allclose(
         kinematics.parallel_determinant(kinematics.workspace_pose(tilt, azimuth, phi)),
         0.0,

@@ -238,5 +238,6 @@ def test_the_extreme_standard_deviations_give_the_pose(sigma):
 
 def test_empty_batches_give_empty_results():
     found = kinematics.estimate(np.empty((0, 3), np.float32), np.empty(0), 1e-3)
-    assert found.rotation.shape == (0, 3, 3) and found.consistent.shape == (0,)
+    assert found.rotation.shape == (0, 3, 3)
+    assert found.consistent.shape == (0,)
     assert kinematics.inverse(np.empty((0, 3, 3))).theta1.shape == (0, 3)

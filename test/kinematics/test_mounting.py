@@ -30,7 +30,8 @@ def test_the_supervision_publishes_the_handle_on_the_table(base, handle):
         stamps, angles, mounting__base_zxz_deg=base, mounting__handle_zxz_deg=handle
     )
     seen = plain.published
-    assert seen.sum() == 36 and (mounted.published == seen).all()
+    assert seen.sum() == 36
+    assert (mounted.published == seen).all()
     table, grip = (kinematics.matrix_from_zxz(*np.radians(each)) for each in (base, handle))
     inner, outer = (
         kinematics.matrix_from_quaternion(each.quaternion[seen]) for each in (plain, mounted)

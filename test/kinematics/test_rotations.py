@@ -26,7 +26,8 @@ def test_quaternion_of_matrix_at_every_angle():
     )
     q = rotations.quaternion_from_matrix(R)
     np.testing.assert_allclose(q[2, 2], [0.0, 0.0, math.sin(0.5), math.cos(0.5)], atol=1e-15)
-    assert q.shape == (5, 5, 4) and (q[..., 3] >= 0.0).all()
+    assert q.shape == (5, 5, 4)
+    assert (q[..., 3] >= 0.0).all()
     np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1.0, atol=1e-15)
     np.testing.assert_allclose(rotations.matrix_from_quaternion(q), R, atol=2e-15)
     assert [angle.shape for angle in rotations.zxz_from_matrix(R)] == [(5, 5)] * 3
@@ -87,7 +88,8 @@ def test_zxz_angles_matrices_and_continuous_quaternions_are_each_other():
     theta[:50], theta[50:100] = 0.0, math.pi
     R = rotations.matrix_from_zxz(psi, theta, phi)
     back = rotations.zxz_from_matrix(R)
-    assert (back[1] >= 0.0).all() and np.abs(back).max() <= math.pi
+    assert (back[1] >= 0.0).all()
+    assert np.abs(back).max() <= math.pi
     np.testing.assert_allclose(rotations.matrix_from_zxz(*back), R, atol=4e-15)
     for row, angles in enumerate(zip(psi.tolist(), theta.tolist(), phi.tolist(), strict=True)):
         expected = zxz(*angles)

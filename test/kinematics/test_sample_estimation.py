@@ -110,7 +110,8 @@ def test_true_readings_give_the_pose_and_its_gains(sensors):
     white = np.array(sensors.sigma)[:, None] * parity_gains
     np.testing.assert_allclose(white.T @ white, np.eye(sensors.count - 3), atol=1e-8)
     for entry, place in enumerate(sensors.used[3:]):
-        assert white[place, entry] and not white[list(sensors.used[4 + entry :]), entry].any()
+        assert white[place, entry]
+        assert not white[list(sensors.used[4 + entry :]), entry].any()
 
 
 @pytest.mark.parametrize('sensors', [each for each in SETS if each.count > 3], ids=name_of)
@@ -213,7 +214,8 @@ def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects
             ambiguous += 1
             assert 'prior selects' in str(error)
             rows = estimated(angles[None])
-            assert np.isnan(rows.rotation).all() and not rows.determined[0]
+            assert np.isnan(rows.rotation).all()
+            assert not rows.determined[0]
         else:
             assert angle_between(alone.rotation, R) < 1e-7
     assert ambiguous > 0

@@ -149,17 +149,21 @@ def test_silence_is_a_fault_until_enable_without_crtk_msgs(without_messages):
         rig.send_many(100, CLEAR)
         assert called('enable') == (True, 'ENABLED')
         name, first = state()
-        assert name == 'ENABLED' and first > 0
+        assert name == 'ENABLED'
+        assert first > 0
         rig.host.run(0.5)
         assert state() == ('FAULT', 0)
         assert rig.host.last('error').data == 'silent: no joint samples'
         success, message = called('enable')
-        assert not success and 'silent: no joint samples' in message
+        assert not success
+        assert 'silent: no joint samples' in message
         rig.send_many(100, CLEAR)
         assert state() == ('DISABLED', 0)
-        assert called('enable') == (True, 'ENABLED') and state()[1] > first
+        assert called('enable') == (True, 'ENABLED')
+        assert state()[1] > first
         assert called('disable') == (True, 'DISABLED')
-    assert state() == ('FAULT', 0) and rig.host.last('error').data == 'silent: fkm has ended'
+    assert state() == ('FAULT', 0)
+    assert rig.host.last('error').data == 'silent: fkm has ended'
 
 
 def test_k10_one_latched_enable_counts_once_and_an_old_one_not(device):
@@ -172,7 +176,8 @@ def test_k10_one_latched_enable_counts_once_and_an_old_one_not(device):
     command(device, 'pause')
     command(device, 'resume')
     # Twice would be a warning: the state is ENABLED already.
-    assert states(device)[-1] == ('ENABLED', True) and texts(device, 'warning') == []
+    assert states(device)[-1] == ('ENABLED', True)
+    assert texts(device, 'warning') == []
     # From clients that do not latch.
     command(device, 'disable', subscriptions=slice(0, 1))
     assert states(device)[-1] == ('DISABLED', False)

@@ -139,7 +139,8 @@ def test_the_level_is_that_of_the_sensors_in_use(device):
     device.sent['dexterity'].clear()
     device.sent['joint_states'].clear()
     assert device.show(turned(20.0)) == (ERROR, "silent: unknown state 'degraded joint_3a'")
-    assert not device.sent['dexterity'] and not device.sent['joint_states']
+    assert not device.sent['dexterity']
+    assert not device.sent['joint_states']
     device.give('state', String(data='healthy'))
     assert device.show(turned(20.0)) == (OK, 'clear of singularities')
 
@@ -158,7 +159,9 @@ def test_neither_an_old_orientation_nor_one_that_is_none_is_shown(device):
         ((0.0, 0.0, 0.0, float('nan')), 'is not a unit quaternion'),
     ):
         level, text = device.show(quaternion)
-        assert level == ERROR and words in text and device.node.dexterities is None
+        assert level == ERROR
+        assert words in text
+        assert device.node.dexterities is None
     assert len(device.sent['dexterity']) == len(device.sent['joint_states']) == 1
     device.show(turned(20.0))
     assert len(device.sent['dexterity']) == len(device.sent['joint_states']) == 2
@@ -221,8 +224,10 @@ def test_two_publishers_are_named_and_nothing_goes_out(device, topic):
     device.publishers[f'/{topic}'] = 'one', 'other'
     device.run(0.3)
     assert device.show(turned(20.0)) == (ERROR, f'2 publishers on /{topic}: /one, /other')
-    assert not device.sent['dexterity'] and not device.sent['joint_states']
+    assert not device.sent['dexterity']
+    assert not device.sent['joint_states']
     device.publishers.clear()
     device.run(0.3)
     assert device.show(turned(20.0)) == (OK, 'clear of singularities')
-    assert device.sent['dexterity'] and device.sent['joint_states']
+    assert device.sent['dexterity']
+    assert device.sent['joint_states']

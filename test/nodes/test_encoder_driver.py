@@ -94,10 +94,12 @@ def test_what_appears_while_deadlines_are_missed_is_the_machines(driver, source,
     symptom = 'joint_1a: heartbeat lost'
     source.lost += 0.3
     driver.run(0.04)
-    assert driver.node.state.startswith(TOO_BUSY) and driver.node.state.endswith(' s')
+    assert driver.node.state.startswith(TOO_BUSY)
+    assert driver.node.state.endswith(' s')
     setattr(source, kind, symptom)
     driver.run(0.5)
-    assert driver.node.state.startswith(TOO_BUSY) and symptom not in driver.node.state
+    assert driver.node.state.startswith(TOO_BUSY)
+    assert symptom not in driver.node.state
     # What stays is one of theirs.
     driver.run(1.0)
     assert symptom in driver.node.state
@@ -134,7 +136,8 @@ def test_two_publishers_are_named_and_override_a_fault(driver, source):
     driver.publishers['/measured_js'] = 'encoder_driver', 'other'
     driver.run(0.3)
     level, text = state(driver)
-    assert level == ERROR and text.startswith('2 publishers on /measured_js: /encoder_driver, ')
+    assert level == ERROR
+    assert text.startswith('2 publishers on /measured_js: /encoder_driver, ')
     assert text.endswith('; no frames [sim]')
 
 
@@ -144,10 +147,12 @@ def test_each_set_is_published_and_some_of_them_for_the_eye(driver, source):
     heard = []
     driver.node.listener = lambda stamp, angles: heard.append(stamp)
     driver.node._run()
-    assert heard == stamps and isinstance(driver.node._done.result(), SourceEnded)
+    assert heard == stamps
+    assert isinstance(driver.node._done.result(), SourceEnded)
     sets = driver.sent['measured_js']
     readings = driver.sent['readings']
-    assert len(sets) == 100 and all(message.name == list(JOINT_NAMES) for message in sets)
+    assert len(sets) == 100
+    assert all(message.name == list(JOINT_NAMES) for message in sets)
     np.testing.assert_array_equal(sets[-1].position, (0.1, 0.2, 0.3, nan))
     # Every tenth of 200 Hz.
     assert [message.header.stamp for message in readings] == [
@@ -169,7 +174,8 @@ def test_the_source_is_on_a_latched_topic_and_on_diagnostics(kind, text):
         driver.run(0.1)
         assert [message.data for message in driver.sent['source']] == [text]
         entry = driver.entry('encoders')
-        assert entry.message.endswith(f' [{text}]') and entry.hardware_id == text
+        assert entry.message.endswith(f' [{text}]')
+        assert entry.hardware_id == text
         assert driver.figures('encoders')['source'] == text
         topics = {
             each.topic_name

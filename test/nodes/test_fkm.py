@@ -148,15 +148,19 @@ def test_two_sensors_that_jump_wait_for_the_acknowledgement():
                 0, *(noisy(rng, CLEAR + np.radians(offset_deg)) for _ in range(count))
             )
 
-        assert send(200) and 'no fault waits' in rig.host.call('~/acknowledge').message
+        assert send(200)
+        assert 'no fault waits' in rig.host.call('~/acknowledge').message
         # They stay: an interference of some milliseconds would clear by itself.
         assert send(100, (25.0, -20.0, 0.0, 0.0)) == []
         # Right again, and consistent for longer than the recovery: not by itself.
-        assert send(200) == [] and rig.state.endswith('to be acknowledged')
+        assert send(200) == []
+        assert rig.state.endswith('to be acknowledged')
         answer = rig.host.call('~/acknowledge')
-        assert answer.success and 'joint_1a and joint_1b jumped' in answer.message
+        assert answer.success
+        assert 'joint_1a and joint_1b jumped' in answer.message
         # At rest two of the sensors cannot be checked: a person ends that wait, too.
-        assert send(200) == [] and 'waits until checked: joint_1c and joint_3a' in rig.state
+        assert send(200) == []
+        assert 'waits until checked: joint_1c and joint_3a' in rig.state
         assert rig.host.call('~/acknowledge').success
         send(200)
         assert rig.state == 'healthy'
@@ -179,7 +183,8 @@ def test_a_drift_of_the_calibration_is_a_warning_while_orientations_go_on():
         found = host.entry('orientation')
         values = host.figures('orientation')
         assert found.level == DiagnosticStatus.WARN
-        assert 'calibration: joint_1b' in found.message and found.message.endswith(' since')
+        assert 'calibration: joint_1b' in found.message
+        assert found.message.endswith(' since')
         assert abs(float(values['joint_1b drift (deg)'])) > 0.1
         assert float(values['calibration: slow parity (deg)']) > 0.03
         assert len(host.sent['orientation']) > 0.95 * len(samples)
@@ -221,7 +226,8 @@ def test_fkm_is_silent_with_a_driver_of_another_mechanism():
         assert 'for all nodes, /**' in rig.host.figures('orientation')['last rejected']
         report(rig.host.figures('orientation')['mechanism'])
         rig.send_many(50, CLEAR)
-        assert rig.state == 'healthy' and rig.send(CLEAR)
+        assert rig.state == 'healthy'
+        assert rig.send(CLEAR)
 
 
 def test_a_process_that_did_not_run_blames_the_machine_and_not_the_sensors(rig):
@@ -242,7 +248,8 @@ def test_a_busy_machine_explains_silence_and_nothing_else(rig):
     rig.qualify()
     rig.host.node.driver_overload = lambda: TOO_BUSY
     rig.send_many(20, angles())
-    assert rig.state == 'healthy' and rig.send(angles())
+    assert rig.state == 'healthy'
+    assert rig.send(angles())
     rig.host.run(0.3)
     assert rig.state == f'silent: {TOO_BUSY}'
     rig.send_many(20, angles())

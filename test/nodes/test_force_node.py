@@ -216,7 +216,8 @@ def test_without_a_mounting_the_handle_is_the_platform(rig):
 
 
 def test_an_unknown_frame_is_refused_and_named(rig):
-    assert rig.run(50, TORQUE, frame='psm_base') == 'ready' and not any(rig.effort)
+    assert rig.run(50, TORQUE, frame='psm_base') == 'ready'
+    assert not any(rig.effort)
     entry = rig.entry
     assert "in frame 'psm_base'; expected spm_base, spm_handle, spm_platform or none" in entry
     assert "'wrenches in an unknown frame': '50'" in entry
@@ -307,7 +308,8 @@ def test_a_second_source_of_wrenches_is_a_fault(rig, second, names):
 def test_what_teleop_says(rig, state, first, then):
     rig.teleop = state
     assert rig.run(1, TORQUE) == first
-    assert rig.run(25, TORQUE) == then and not any(rig.effort)
+    assert rig.run(25, TORQUE) == then
+    assert not any(rig.effort)
 
 
 def test_a_teleop_that_falls_silent_is_nobodys(rig):
@@ -322,7 +324,8 @@ def test_the_operating_state_may_engage():
         rig.teleop = ''
         assert rig.run(100, ZERO) == 'off'
         assert rig.host.entry('force').message == 'off; disabled'
-        assert rig.host.call('enable').success and rig.run(75, ZERO) == 'engaged'
+        assert rig.host.call('enable').success
+        assert rig.run(75, ZERO) == 'engaged'
         rig.host.call('disable')
         assert rig.run(25, TORQUE) == 'off'
 
@@ -342,7 +345,8 @@ def test_samples_that_stop_end_force_within_25_ms(drives):
         assert rig.state == 'fading: no orientation'
         drives.commands.clear()
         rig.host.run(0.025)
-        assert len(drives.commands) == 5 and drives.commands[-1] is None
+        assert len(drives.commands) == 5
+        assert drives.commands[-1] is None
         assert rig.state == 'fault: no orientation'
 
 
@@ -357,16 +361,20 @@ def test_drives_are_commanded_and_their_faults_are_ours(drives):
     drives.ready = False
     with running() as rig:
         rig.run(100, ZERO)
-        assert rig.state == 'off' and drives.commands[-1] == ZERO
+        assert rig.state == 'off'
+        assert drives.commands[-1] == ZERO
         assert "'drives': 'not in operation'" in rig.entry
         drives.ready = True
         rig.engage().run(50, TORQUE)
-        assert any(drives.commands[-1]) and rig.effort[:3] == list(drives.commands[-1])
+        assert any(drives.commands[-1])
+        assert rig.effort[:3] == list(drives.commands[-1])
         drives.fault = 'drive 2: overcurrent'
-        assert rig.run(5, TORQUE) == 'fault: fault of a drive' and drives.commands[-1] is None
+        assert rig.run(5, TORQUE) == 'fault: fault of a drive'
+        assert drives.commands[-1] is None
         rig.host.run(0.01)
         assert rig.host.last('warning').data.endswith('drive; drive 2: overcurrent')
-        assert rig.host.call('~/acknowledge').success and drives.fault is None
+        assert rig.host.call('~/acknowledge').success
+        assert drives.fault is None
         rig.engage()
     assert drives.closed == 1
 
@@ -401,7 +409,8 @@ def test_a_locked_orientation_pulls_and_is_let_go():
             pull = -0.5 * radians(away) * POSE[:, 2]
             np.testing.assert_allclose(rig.rendered(ZERO), pull, atol=2e-3)
         rig.host.give('free', Empty())
-        assert rig.run(20) == 'ready' and "'orientation locked': 'no'" in rig.entry
+        assert rig.run(20) == 'ready'
+        assert "'orientation locked': 'no'" in rig.entry
 
 
 def test_a_lock_holds_without_wrenches_while_the_clutch_is_pressed():
@@ -420,7 +429,8 @@ def test_a_lock_holds_without_wrenches_while_the_clutch_is_pressed():
         np.testing.assert_allclose((felt.x, felt.y, felt.z), pull, atol=3e-3)
         assert "'orientation locked': 'yes'" in rig.figures(None)
         rig.teleop = 'engaged'
-        assert rig.run(60) == 'ready' and not any(rig.effort)
+        assert rig.run(60) == 'ready'
+        assert not any(rig.effort)
         assert "'orientation locked': 'no'" in rig.figures(None)
 
 

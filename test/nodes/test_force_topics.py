@@ -88,7 +88,8 @@ def test_crtks_haptic_example_is_felt(arm, observer):
         TORQUE, lambda: any(abs(each) > 0.01 for each in client.joints[-1][1].effort)
     )
     effort = client.joints[-1][1].effort
-    assert len(effort) == 4 and effort[3] == 0.0
+    assert len(effort) == 4
+    assert effort[3] == 0.0
     client.torque = (0.0, 0.0, 0.0)
 
 

@@ -200,7 +200,8 @@ def test_two_arms_with_slave_and_pedals(ros2_launch):
     )
     assert executables(context) == [('left', 'master'), ('left', 'sim_slave'), ('right', 'master')]
     left, _, right = (node.ros_arguments for node in context.started)
-    assert CALIBRATION in left and CALIBRATION not in right
+    assert CALIBRATION in left
+    assert CALIBRATION not in right
     assert {word.split(':', 1)[1] for word in right if word.startswith('teleop:')} == {
         'servo_cp:=/PSM1/servo_cp',
         'slave/measured_cp:=/PSM1/setpoint_cp',

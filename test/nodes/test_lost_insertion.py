@@ -140,7 +140,8 @@ def test_a_lost_insertion_ends_alone_and_the_orientation_goes_on(
     machine.expect(share == 1.0, share)
     frames = np.array(listener.times)
     last_frame = frames[np.argmax(np.diff(frames))]
-    assert again - lost > 0.9 * SILENT_FOR and (np.diff(seconds(session.slide)) > 0.0).all()
+    assert again - lost > 0.9 * SILENT_FOR
+    assert (np.diff(seconds(session.slide)) > 0.0).all()
     published = [at for at, message in session.slide if stamp(message) * 1e-9 <= lost]
     last_message = max(published) * 1e-9
     machine.expect(last_message - last_frame < LIMIT, last_message - last_frame)

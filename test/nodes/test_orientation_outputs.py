@@ -61,7 +61,8 @@ def test_poses_have_a_rate_of_their_own_and_equal_stamps():
         for joy in (Joy(), Joy(axes=[0.0, float('nan')])):
             rig.host.give('gripper/joy', joy)
         rig.send_many(0, *samples[100:150])
-        assert rig.sent['measured_cp'] and rig.sent['gripper/measured_js'] == []
+        assert rig.sent['measured_cp']
+        assert rig.sent['gripper/measured_js'] == []
         rig.host.give('gripper/joy', Joy(axes=[0.0, 0.5]))
         rig.send_many(0, *samples[150:154])
         rig.sent.clear()
@@ -112,7 +113,8 @@ def test_a_subscriber_that_comes_late_gets_no_velocity_of_long_ago():
         rig.sent.clear()
         rig.send_many(0, *turning(50))
         assert rig.sent['measured_cp']
-        assert not rig.sent['measured_cv'] and not rig.sent['protection_level']
+        assert not rig.sent['measured_cv']
+        assert not rig.sent['protection_level']
         rig.host.run(1.0)
         rig.host.subscribed = lambda topic: True
         rig.host.run(0.02)
@@ -165,7 +167,8 @@ def test_all_outputs_are_those_of_the_handle_on_the_table():
         plain['pose_with_covariance'], mounted['pose_with_covariance'], strict=True
     ):
         inner, outer = (np.reshape(each.pose.covariance, (6, 6)) for each in (before, after))
-        assert np.all(outer[:3] == 0.0) and np.all(outer[:, :3] == 0.0)
+        assert np.all(outer[:3] == 0.0)
+        assert np.all(outer[:, :3] == 0.0)
         assert np.diag(outer)[3:].min() > 0.0
         np.testing.assert_allclose(outer[3:, 3:], TABLE @ inner[3:, 3:] @ TABLE.T, atol=1e-15)
     for before, after in zip(plain['measured_cv'], mounted['measured_cv'], strict=True):

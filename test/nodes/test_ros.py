@@ -160,7 +160,8 @@ def test_a_message_is_published_until_ctrl_c(device, run, monkeypatch):
         'topic pub /presence sensor_msgs/msg/Joy --rate 20 '
         '{"header":{"frame_id":"pedal"},"buttons":[1]}'
     ) == (0, '', '')
-    assert list(arrived[-1][1].buttons) == [1] and arrived[-1][1].header.frame_id == 'pedal'
+    assert list(arrived[-1][1].buttons) == [1]
+    assert arrived[-1][1].header.frame_id == 'pedal'
 
 
 @pytest.mark.parametrize(
@@ -187,7 +188,8 @@ def test_what_is_not_there_is_named_in_one_line(device, run, monkeypatch, comman
         monkeypatch.setattr(ros.Commands, 'PATIENCE', 0.05)
     code, _, err = run(command)
     assert code == 1
-    assert reason in err and err.count('\n') == 1
+    assert reason in err
+    assert err.count('\n') == 1
 
 
 @pytest.mark.process

@@ -57,7 +57,8 @@ def test_rivals_are_looked_for_now_and_then_and_override_all(graph, origin):
     assert origin.obstacle() is None
     graph.report(mechanism='other')
     words, expected = obstacle(graph, origin)
-    assert words.startswith('2 publishers on /orientation: ') and expected == 'expected one'
+    assert words.startswith('2 publishers on /orientation: ')
+    assert expected == 'expected one'
     del graph.publishers['/orientation']
     graph.pause(0.21)
     assert obstacle(graph, origin)[0] == 'another mechanism in the driver'

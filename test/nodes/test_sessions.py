@@ -266,7 +266,8 @@ def check_messages_of_four(rig):
     assert not covariance[:3].any()
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-12)
     sigmas = np.degrees(np.sqrt(np.diag(covariance)[3:]))
-    assert (sigmas > 0.01).all() and (sigmas < 0.05).all()
+    assert (sigmas > 0.01).all()
+    assert (sigmas < 0.05).all()
     # Angular velocity in the frame of the pose, of one tenth of a second.
     before, after = (matrix(rig.last('orientation', MIDDLE + shift)) for shift in (-0.05, 0.05))
     rate = (after @ before.T - before @ after.T) / (2.0 * 0.1)
@@ -285,7 +286,8 @@ def check_messages_of_four(rig):
     # Half of the way from 0 to 90 deg.
     assert last('gripper/measured_js').name == ['gripper']
     assert last('gripper/measured_js').position[0] == pytest.approx(np.pi / 4)
-    assert list(last('presence').buttons) == [1] and list(last('clutch').buttons) == [0]
+    assert list(last('presence').buttons) == [1]
+    assert list(last('clutch').buttons) == [0]
     assert last('enabled_at').data == pytest.approx(ENABLED_AT, abs=50_000_000)
 
 
@@ -333,7 +335,8 @@ def check_entries(rig, names, mounting):
     assert {name: entry['message'] for name, entry in entries.items()} == MESSAGES
     assert {entry['level'] for entry in entries.values()} == {0}
     mechanisms = [entry['mechanism'] for entry in entries.values() if 'mechanism' in entry]
-    assert len(mechanisms) == 3 and len(set(mechanisms)) == 1
+    assert len(mechanisms) == 3
+    assert len(set(mechanisms)) == 1
     orientation = entries['fkm: orientation']
     expected = {
         'mounting': mounting,
@@ -352,12 +355,14 @@ def check_entries(rig, names, mounting):
     assert entries['encoder_driver: encoders']['directions not verified'] == 'none'
     assert entries['diagnostics: singularity']['sensors left out'] == 'none'
     timing = entries['fkm: timing']
-    assert timing['orientation rate (Hz)'] == '100' and timing['missed deadlines'] == '0'
+    assert timing['orientation rate (Hz)'] == '100'
+    assert timing['missed deadlines'] == '0'
     assert abs(float(timing['parity mean (sigma)'])) < 1.0
     assert 0.2 < float(timing['parity deviation (sigma)']) < 1.5
     teleop = entries['teleop: teleop']
     assert teleop['engaged or clutched off (times)'] == '2'
-    assert teleop['disengaged last by'] == 'nothing' and teleop['stale orientations'] == '0'
+    assert teleop['disengaged last by'] == 'nothing'
+    assert teleop['stale orientations'] == '0'
     assert float(entries['sim_slave: tracking']['tracking error (deg)']) < 0.5
 
 

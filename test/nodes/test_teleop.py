@@ -28,7 +28,8 @@ def test_it_follows_by_the_law_in_the_frame_and_at_the_position_of_the_slave():
         rig.press('presence', True)
         rig.run(10)
         assert rig.state.startswith('disengaged: waiting for enable')
-        assert rig.commands == [] and rig.twists == []
+        assert rig.commands == []
+        assert rig.twists == []
         rig.engage()
         master = rig.master
         slave = rig.slave
@@ -94,7 +95,8 @@ def test_what_ends_it_ends_it_until_enable(end, reason):
 def test_the_clutch_and_the_presence(rig):
     rig.engage()
     rig.press('clutch', True)
-    assert rig.sends_nothing(turning=(0.0, 0.0, 0.02)) and rig.state == 'clutched'
+    assert rig.sends_nothing(turning=(0.0, 0.0, 0.02))
+    assert rig.state == 'clutched'
     count = len(rig.commands)
     rig.press('clutch', False)
     rig.run(5)
@@ -105,7 +107,8 @@ def test_the_clutch_and_the_presence(rig):
     assert rig.sends_nothing()
     assert rig.state == 'disengaged: waiting for enable, after: no presence'
     rig.engage()
-    assert rig.host.call('~/disable').success and rig.sends_nothing()
+    assert rig.host.call('~/disable').success
+    assert rig.sends_nothing()
 
 
 @pytest.mark.parametrize('ends', [True, False])
@@ -116,7 +119,8 @@ def test_a_pedal_that_ends_or_hangs_while_pressed_ends_it(ends):
         if ends:
             rig.host.restart_publisher('presence')
         rig.run(1 if ends else 15)
-        assert rig.state == 'disengaged: no presence' and rig.sends_nothing()
+        assert rig.state == 'disengaged: no presence'
+        assert rig.sends_nothing()
 
 
 def test_a_clutch_stays_pressed_until_it_is_released_or_ends(rig):
@@ -148,7 +152,8 @@ def test_the_twist_continues_to_zero_and_stops(given, frame):
         rig.press('presence', False)
         rig.host.run(0.5)
         rates = [message.twist.angular.y for message in rig.twists]
-        assert max(rates) > 0.1 and rates[-4:] == [0.0] * 4
+        assert max(rates) > 0.1
+        assert rates[-4:] == [0.0] * 4
         assert {message.header.frame_id for message in (*rig.twists, *rig.commands)} == {frame}
         count = len(rig.twists)
         rig.run(20)
@@ -193,7 +198,8 @@ def test_a_process_that_is_stopped_as_it_decides_says_nothing(rig, monkeypatch):
     monkeypatch.setattr(rig.host.node._machine, 'take_master', slow)
     count = len(rig.commands)
     rig.orientation(rig.host.time_ns())
-    assert not stopped and len(rig.commands) == count
+    assert not stopped
+    assert len(rig.commands) == count
 
 
 def test_a_stale_orientation_is_none(rig):

@@ -88,7 +88,8 @@ def give_torque(rig, frame='', seconds=7):
     if not felt:
         return None
     (found,) = felt
-    assert found.wrench.force.x == 0.0 and found.header.stamp.sec == seconds
+    assert found.wrench.force.x == 0.0
+    assert found.header.stamp.sec == seconds
     return np.array([found.wrench.torque.x, found.wrench.torque.y, found.wrench.torque.z])
 
 
@@ -122,9 +123,11 @@ def test_k4_a_torque_goes_to_the_hand_while_engaged_and_else_nothing():
         assert give_torque(rig) is not None
         assert give_torque(rig, 'psm_tool') is None
         rig.press('clutch', True)
-        assert give_torque(rig) is None and rig.state == 'clutched'
+        assert give_torque(rig) is None
+        assert rig.state == 'clutched'
         rig.press('presence', False)
-        assert give_torque(rig) is None and rig.state.startswith('disengaged')
+        assert give_torque(rig) is None
+        assert rig.state.startswith('disengaged')
 
 
 @pytest.mark.parametrize('accepted', [False, True])

@@ -135,7 +135,8 @@ def test_a_trocar_that_moves_or_is_none_ends_it(position, frame, why):
         pivoting(rig).engage()
         rig.give_trocar(position, frame)
         rig.run(30)
-        assert rig.sends_nothing() and why in rig.state
+        assert rig.sends_nothing()
+        assert why in rig.state
 
 
 def test_the_jaw_meets_the_gripper_at_its_speed_and_stops_alone():
@@ -151,14 +152,16 @@ def test_the_jaw_meets_the_gripper_at_its_speed_and_stops_alone():
         assert angles[0] == pytest.approx(0.2)
         assert np.max(np.abs(np.diff(angles))) <= 0.5 * 0.01 + 1e-9
         assert angles[-1] == pytest.approx(0.6)
-        assert len(jaws) == len(rig.commands) and stamp(jaws[-1]) == stamp(rig.commands[-1])
+        assert len(jaws) == len(rig.commands)
+        assert stamp(jaws[-1]) == stamp(rig.commands[-1])
         # A lost gripper stops the jaw, and nothing else.
         rig.gripper = None
         rig.run(20)
         count = len(jaws)
         commands = len(rig.commands)
         rig.run(20)
-        assert len(jaws) == count and len(rig.commands) == commands + 20
+        assert len(jaws) == count
+        assert len(rig.commands) == commands + 20
         # It comes back elsewhere: the jaw begins where it is.
         rig.gripper = 0.1
         rig.jaw = 0.6

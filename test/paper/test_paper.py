@@ -31,7 +31,8 @@ PICTURE_LIMIT = 200_000  # bytes
 def check(entries, out):
     """Each entry has its texts and its picture, and no computed condition fails."""
     for entry in entries:
-        assert entry.shows and entry.here
+        assert entry.shows
+        assert entry.here
         assert entry.verdict is not Verdict.DIFFERS, f'{entry.name}: {entry.here}'
         if entry.picture:
             assert 5_000 < (out / entry.picture).stat().st_size < PICTURE_LIMIT
@@ -44,7 +45,8 @@ def test_page_has_every_figure_of_the_paper():
     assert {int(each) for each in ', '.join(headings).split(', ')} == set(range(1, 35))
     assert '## Section 5: Calculation times' in text
     for section in text.split('\n## ')[2:-1]:
-        assert '- **The paper:**' in section and '- **Here:**' in section
+        assert '- **The paper:**' in section
+        assert '- **Here:**' in section
 
 
 @pytest.mark.evidence
@@ -91,12 +93,14 @@ def test_monte_carlo(tmp_path):
 
 def test_velocity_signs_of_the_print():
     printed, turned = paper.errata.velocity_signs()
-    assert printed > 0.1 and turned < 1e-5
+    assert printed > 0.1
+    assert turned < 1e-5
 
 
 def test_times():
     (entry,) = paper.solve_times.entries(rounds=3)
-    assert 'Python' in entry.here and '> 100 ms' in entry.details
+    assert 'Python' in entry.here
+    assert '> 100 ms' in entry.details
     assert os.uname().nodename not in entry.here
 
 

@@ -110,7 +110,8 @@ def test_every_mechanism_near_the_nominal_one_can_be_assembled():
 
 def test_the_checksum_is_that_of_the_mechanism():
     nominal = geometry.mechanism_checksum(values())
-    assert len(nominal) == 8 and int(nominal, 16) >= 0
+    assert len(nominal) == 8
+    assert int(nominal, 16) >= 0
     # However it is given.
     assert geometry.mechanism_checksum(values(geometry__proximal_deg=[39.3] * 3)) == nominal
     different = [

@@ -164,7 +164,9 @@ def test_a_file_that_could_be_misread_is_refused(read, content, reason):
     with pytest.raises(InputError) as error:
         read(content)
     message = str(error.value)
-    assert reason in message and 'rig.yaml' in message and '\n' not in message
+    assert reason in message
+    assert 'rig.yaml' in message
+    assert '\n' not in message
 
 
 def test_names_may_be_nested_or_dotted(read):

@@ -74,7 +74,8 @@ def test_a_version_of_setup_and_a_changed_tree_and_an_existing_tag_are_found(rea
     assert checks.version_faults(ready) == []
     replace(ready / 'setup.py', 'version=VERSION', "version='9.9.9'")
     (fault,) = checks.version_faults(ready)
-    assert '9.9.9' in fault and 'expected 3.2.1' in fault
+    assert '9.9.9' in fault
+    assert 'expected 3.2.1' in fault
 
     def git(*arguments):
         subprocess.run(

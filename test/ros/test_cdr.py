@@ -144,7 +144,8 @@ def test_the_frame_of_a_publisher_is_learnt(monkeypatch):
     ):
         for k in range(5):
             assert reader.read(writer.write(k, numbers(k))) == (k, numbers(k))
-        assert calls.pop() == kind and not calls
+        assert calls.pop() == kind
+        assert not calls
 
 
 @pytest.mark.parametrize(

@@ -104,7 +104,8 @@ def test_a_late_subscriber_gets_the_newest_state_alone(rig):
         heard.append,
         QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     )
-    assert spin_until(lambda: heard) and heard[0] == String(data='b')
+    assert spin_until(lambda: heard)
+    assert heard[0] == String(data='b')
 
 
 def test_several_publishers_on_one_topic_are_named(rig):

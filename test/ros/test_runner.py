@@ -114,7 +114,8 @@ def test_a_process_ends_with_its_result(
     assert warnings == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
     assert found == (code, ['made', 'started', 'destroyed'])
     # The log has ended, and the process has left the DDS domain.
-    assert not rclpy.ok() and node_log._log is None
+    assert not rclpy.ok()
+    assert node_log._log is None
     assert printed(capfd) == [out, err]
     assert [(name, values['realtime.gc']) for name, values in applied] == [('fkm', 'freeze')]
     assert ends == [*BEGUN, *LIFTED]
@@ -138,7 +139,8 @@ def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
 
     begun = []
     assert run(compose) == 0
-    assert begun[0] == BEGUN and ends == [*BEGUN, *LIFTED]
+    assert begun[0] == BEGUN
+    assert ends == [*BEGUN, *LIFTED]
 
 
 def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
@@ -153,9 +155,11 @@ def test_a_failure_is_one_line_and_leaves_no_node(applied, monkeypatch, capfd):
         (('-p', 'alert_limit:=1.0'), "'alert_limit' is 1.0"),
         (('--enclave', 'bad enclave'), 'fkm: ROS arguments rejected: '),
     ):
-        assert run(refused, *args) == 1 and events == ['made', 'destroyed']
+        assert run(refused, *args) == 1
+        assert events == ['made', 'destroyed']
         _, err = printed(capfd)
-        assert line in err and err.count('\n') == 1
+        assert line in err
+        assert err.count('\n') == 1
 
     # Ctrl-C while the arguments are read.
     monkeypatch.setattr(runner, 'node_command_line', lambda *_: signal.raise_signal(signal.SIGINT))

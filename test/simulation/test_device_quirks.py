@@ -71,10 +71,12 @@ def test_E6_phases_without_sync(run, encoders, driver):
         code, text = run(can_scan, '--start', '-p', 'encoders.sync_id:=0', rate=10.0)
         with driver(encoders__sync_id=0, can__sync='consume', rate=10.0) as source:
             words = fault_of(source, 'without SYNC joint_')
-    assert code == 1 and 'SYNC is needed' in words
+    assert code == 1
+    assert 'SYNC is needed' in words
     if 'configured 10 Hz' in text:
         pytest.skip(f'{SKIPPED}the encoders did not keep their period')
-    assert 'no set is complete within half a period' in text and 'SYNC is needed' in text
+    assert 'no set is complete within half a period' in text
+    assert 'SYNC is needed' in text
 
 
 def test_E7_one_timer(run, encoders):
@@ -96,7 +98,8 @@ def test_E4_a_store_that_is_refused(run, encoders):
     with encoders(factory=True, quirks=('store_refused:joint_1a',)):
         for _ in range(2):
             code, text = run(can_setup, '--write', '--joint', 'joint_1a')
-            assert code == 1 and 'refuses 0x65766173 for 0x1010:01' in text
+            assert code == 1
+            assert 'refuses 0x65766173 for 0x1010:01' in text
 
 
 def test_E2_an_error_that_stands(run, encoders, driver):
@@ -104,7 +107,8 @@ def test_E2_an_error_that_stands(run, encoders, driver):
         code, text = run(can_scan, '--start')
         with driver() as source:
             fault_of(source, 'joint_3a: error register 0x10 (communication)')
-    assert code == 1 and 'joint_3a: error register 0x10 (communication)' in text
+    assert code == 1
+    assert 'joint_3a: error register 0x10 (communication)' in text
 
 
 def test_E3_supervised_sync(run, encoders, driver):
@@ -114,9 +118,11 @@ def test_E3_supervised_sync(run, encoders, driver):
             end = time.monotonic() + 2.5
             while time.monotonic() < end:
                 source.read(0.02)
-            assert source.fault is None and source.statistics()['SYNC left out'] == 1
+            assert source.fault is None
+            assert source.statistics()['SYNC left out'] == 1
         code, text = run(can_setup, '--write', '--joint', 'joint_1a')
-        assert code == 0 and '0x1006:00 supervised period of SYNC, us: 20000, wanted 0' in text
+        assert code == 0
+        assert '0x1006:00 supervised period of SYNC, us: 20000, wanted 0' in text
         with driver() as source:
             end = time.monotonic() + 2.5
             while time.monotonic() < end:
@@ -128,7 +134,8 @@ def test_E12_one_node_id(run, encoders):
     """As delivered."""
     with encoders(factory=True, quirks=('node_id=127',)):
         code, text = run(can_scan, '--start', '--seconds', '1')
-    assert code == 1 and 'four devices have node id 127: give each its own' in text
+    assert code == 1
+    assert 'four devices have node id 127: give each its own' in text
     # They cannot be set up before, one by one.
     assert 'can_setup' not in text.partition('lines for rig.yaml')[0]
 

@@ -20,7 +20,8 @@ from spm_haptic_master.simulation.fault_injection import Fault, parse_fault, par
 def test_a_fault_is_what_its_text_says(text, fault):
     found = parse_fault(text, 6)
     assert found == Fault(*fault, text)
-    assert found.active(found.start) and not found.active(found.end)
+    assert found.active(found.start)
+    assert not found.active(found.end)
 
 
 def test_a_switched_fault_begins_at_once():

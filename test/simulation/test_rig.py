@@ -32,7 +32,8 @@ def test_the_default_rig_is_as_drawn_and_so_is_one_without_tolerances():
     assert same.geometry.alphas == Geometry(radians(40.0)).alphas
     np.testing.assert_allclose(same.geometry.platform_axes, Geometry().platform_axes, atol=1e-14)
     assert same.sensors == rig.perfect_rig(Geometry(), radians(0.04)).sensors
-    assert not same.has_harmonics and rig.random_rig(3, TOLERANCES).has_harmonics
+    assert not same.has_harmonics
+    assert rig.random_rig(3, TOLERANCES).has_harmonics
     plain = rig.random_rig(3, rig.Tolerances())
     assert plain.sensors == (rig.SensorErrors(),) * 4
     np.testing.assert_allclose(plain.geometry.base_axes, Geometry().base_axes, atol=1e-14)
@@ -148,7 +149,9 @@ def test_what_is_wrong_is_named_in_one_line(content, words, tmp_path):
     with pytest.raises(InputError) as caught:
         rig.read_rig(path, Geometry(), 0.0)
     text = str(caught.value)
-    assert text.startswith(f'{path}: ') and words in text and '\n' not in text
+    assert text.startswith(f'{path}: ')
+    assert words in text
+    assert '\n' not in text
 
 
 def test_settings_that_contradict_each_other():

@@ -83,7 +83,8 @@ def test_the_bus_is_a_source_with_or_without_sync_from_here(monkeypatch, given, 
     checked = values('can', rate=100.0, can__timeout=0.02, **given)
     make_source('can', checked)
     (source,) = made
-    assert source_text('can', checked) == text and text.endswith(source['channel'])
+    assert source_text('can', checked) == text
+    assert text.endswith(source['channel'])
     assert source['interface']
     assert (source['timeout'], source['produce']) == (0.02, produce)
     for change, words in (
@@ -152,7 +153,8 @@ def test_encoders_that_do_not_answer_have_no_reading(sensors, gone, goes_on):
         ]
     ) == (gone if goes_on else None)
     source.faults = ()
-    assert not any(map(isnan, source.read(1.0).angles)) and source.fault is None
+    assert not any(map(isnan, source.read(1.0).angles))
+    assert source.fault is None
 
 
 def test_faults_come_and_go():

@@ -132,7 +132,8 @@ def test_late_answers_come_in_their_order_and_all_at_the_end():
         for message in (*bus.tend(t), *(bus.cycle(t) if k % 2 == 0 else ())):
             arrived += [k] * (message.arbitration_id == 0x181)
     assert arrived[:3] == [1003, 1005, 1007]
-    assert arrived.count(2000) == 2 and len(arrived) == 505
+    assert arrived.count(2000) == 2
+    assert len(arrived) == 505
 
 
 def test_emergencies_boot_ups_and_error_frames_are_sent_once():

@@ -37,7 +37,8 @@ def test_a_motion_stays_within_reach_over_whole_periods(trajectory, seconds, til
     poses = np.array([trajectory(t) for t in np.arange(0.0, seconds, 0.1)])
     rotations = kinematics.matrix_from_zxz(*poses.T)
     joints = kinematics.inverse(rotations)
-    assert np.isfinite(joints.theta1).all() and np.isfinite(joints.theta3a).all()
+    assert np.isfinite(joints.theta1).all()
+    assert np.isfinite(joints.theta3a).all()
     tilt = np.degrees(np.arccos(np.clip(rotations[:, :, 2].sum(axis=1) / np.sqrt(3.0), -1.0, 1.0)))
     assert tilt.max() == pytest.approx(tilt_deg, abs=0.01)
     turns = np.degrees([poses[:, 2].min(), poses[:, 2].max()])
@@ -61,5 +62,6 @@ def test_arms_turn_one_motor_at_a_time_and_the_passive_joint_of_leg_a_moves_with
         found = kinematics.inverse(kinematics.matrix_from_zxz(*poses.T))
         spans = np.degrees(np.ptp(np.unwrap(found.theta1, axis=0), axis=0))
         others = np.delete(spans, number)
-        assert 14.5 < spans[number] < 15.5 and others.max() < 0.02
+        assert 14.5 < spans[number] < 15.5
+        assert others.max() < 0.02
         assert np.degrees(np.ptp(np.unwrap(found.theta3a))) > 3.0

@@ -76,7 +76,8 @@ def test_the_end_stop_pushes_back_without_a_wrench(session):
     assert {text for text, is_in in zip(session.states, during, strict=True) if is_in} == {'ready'}
     felt = session.felt[during]
     angle = session.angle[during]
-    assert felt.max() > 0.05 and angle.max() > end_stop_deg() + 10.0
+    assert felt.max() > 0.05
+    assert angle.max() > end_stop_deg() + 10.0
     assert felt[angle < end_stop_deg() - 2.0].max() < 1e-3
 
 
@@ -84,10 +85,12 @@ def test_the_end_stop_pushes_back_without_a_wrench(session):
 def test_a_relaxed_hand_is_thrown_across_less_than_by_the_fade_alone():
     """0.3 N m, hands of 1 and 3 N m/rad: 5.5 and 1.24 rad/s by the fade alone."""
     assert exact_share(ForceLimits()) >= 0.75
-    assert thrown(1.0) <= 3.5 and thrown(3.0) <= 1.0
+    assert thrown(1.0) <= 3.5
+    assert thrown(3.0) <= 1.0
 
 
 def test_feel_has_a_help(capsys):
     with pytest.raises(SystemExit) as ended:
         feel.main(['--help'])
-    assert ended.value.code == 0 and '--output' in capsys.readouterr().out
+    assert ended.value.code == 0
+    assert '--output' in capsys.readouterr().out

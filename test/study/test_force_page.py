@@ -18,7 +18,8 @@ PAGE = ROOT / 'docs' / 'force' / 'README.md'
 def test_every_limit_of_the_page_holds_and_its_numbers_are_current(tmp_path):
     page = PAGE.read_text()
     found = verdicts.read(page)
-    assert len(found) == 23 and set(found.values()) == {'holds'}
+    assert len(found) == 23
+    assert set(found.values()) == {'holds'}
     assert statics_pictures.motor_torque(tmp_path / 'torque.png') in page
     assert statics_pictures.fade(tmp_path / 'fade.png') in page
     assert f'torque is zero {dynamics_pictures.loss(tmp_path / "loss.png")} after' in page

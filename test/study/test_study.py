@@ -94,7 +94,8 @@ def test_poses_out_of_reach_have_no_worth():
     poses = np.stack([POSES[0], kinematics.workspace_pose(1.2, 0.0, 0.5)])
     found = nine_joints.worth(nine_joints.rates(poses, PAPER), protection_maps.SETS[5])
     for values in (found.levels, found.steps, found.deviations):
-        assert np.isfinite(values[0]) and np.isnan(values[1])
+        assert np.isfinite(values[0])
+        assert np.isnan(values[1])
 
 
 @pytest.mark.evidence
@@ -105,7 +106,8 @@ def test_the_study_writes_its_page_and_pictures(tmp_path, monkeypatch, capsys):
     assert command.main(['--accept']) == 0
     text = (tmp_path / 'README.md').read_text(encoding='utf-8')
     pictures = {path.name for path in tmp_path.glob('*.png')}
-    assert len(pictures) == 6 and set(re.findall(r'\]\((\S+\.png)\)', text)) == pictures
+    assert len(pictures) == 6
+    assert set(re.findall(r'\]\((\S+\.png)\)', text)) == pictures
     assert 'six sensors | everywhere' in text
     assert str(tmp_path / 'README.md') in capsys.readouterr().out
 

@@ -61,7 +61,8 @@ def test_a_turn_faster_than_a_human_does_not_continue_the_motion(sign, after_ms)
         moved = turned(30.0 + sign * factor * degrees(reach))
         symptom = anchor.check(now + after_ms * MS, 1e-3, moved, DEVIATION)
         assert (symptom is None) == continues
-    assert symptom.reason is Reason.DISCONTINUOUS and f'limit {reach:.3f}' in symptom.detail
+    assert symptom.reason is Reason.DISCONTINUOUS
+    assert f'limit {reach:.3f}' in symptom.detail
 
 
 def test_no_orientation_continues_one_where_two_solutions_may_meet():

@@ -31,7 +31,8 @@ def test_a_rival_in_another_working_mode_is_never_taken():
         deviation_limit_deg=5.0,
         alert_limit_deg=30.0,
     )
-    assert np.nanmax(found.error) < 3.0 and found.published.mean() > 0.99
+    assert np.nanmax(found.error) < 3.0
+    assert found.published.mean() > 0.99
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,8 @@ def test_healthy_angles_that_fit_two_orientations_never_give_the_wrong_one(case,
         rows[:, 0].astype(np.int64),
         **settings,
     )
-    assert found.published.any() and found.within_level
+    assert found.published.any()
+    assert found.within_level
     assert not any('undetermined' in state or 'fits' in state for state in found.states)
 
 

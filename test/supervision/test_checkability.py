@@ -28,7 +28,8 @@ def test_every_sensor_of_six_is_checked_everywhere_and_th3a_of_four_not_at_the_s
     assert of_rig(6, 0.05, 1.0).share == (1.0,) * 6
     four = of_rig(4, 0.05, 1.0)
     assert four.nowhere == ()
-    assert min(four.share[:3]) > 0.75 and 0.3 < four.share[3] < 0.8
+    assert min(four.share[:3]) > 0.75
+    assert 0.3 < four.share[3] < 0.8
 
 
 def test_below_the_least_limit_a_sensor_is_checked_nowhere():

@@ -80,7 +80,8 @@ def test_a_sensor_unchecked_is_a_caution_after_a_second_and_silence_after_the_li
     assert set(rig.samples(100)) == {'joint_1c unchecked for too long'}
     rig.supervisor.alert_limit = radians(2.0)
     assert set(rig.samples(60)[-20:]) == {None}
-    assert rig.supervisor.cautions() == {} and rig.state == 'healthy'
+    assert rig.supervisor.cautions() == {}
+    assert rig.state == 'healthy'
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])

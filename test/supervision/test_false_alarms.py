@@ -32,7 +32,8 @@ SEEDS = pytest.mark.parametrize(
 def test_no_false_alarm_in_many_healthy_samples(kind, sensors, seconds):
     """The threshold promises one in 10,000 hours, 3.6e10 samples; `make faults` plays hours."""
     outcome = device.run(kind, sensors, seconds)
-    assert outcome.healthy_throughout and outcome.within_level
+    assert outcome.healthy_throughout
+    assert outcome.within_level
     if sensors > 4:
         # They check each other everywhere.
         assert (outcome.result.unchecked[100:] == 0.0).all()
@@ -57,7 +58,8 @@ def test_encoders_slower_than_the_bus_are_within_the_level(sensors, hold, speed)
     rotations = device.motion('fast', 0.2, 1000.0 * fastest / speed)
     readings = device.encoders(device.joint_angles(rotations, sensors))
     outcome = device.Outcome(rotations, readings[np.arange(len(readings)) // hold * hold])
-    assert outcome.published[10:].mean() > 0.99 and outcome.within_level
+    assert outcome.published[10:].mean() > 0.99
+    assert outcome.within_level
 
 
 def test_a_declared_skew_between_encoders_is_allowed_for():
@@ -72,7 +74,8 @@ def test_small_systematic_errors_are_not_silent():
     """Zero errors of the size of the nominal bias: no alarm, and the level covers them."""
     small = device.offset(0, slice(4), [0.05, -0.05, 0.05, 0.05])
     outcome = device.run('sweep', 4, 8.0, 250.0, small)
-    assert outcome.published[10:].mean() > 0.999 and outcome.within_level
+    assert outcome.published[10:].mean() > 0.999
+    assert outcome.within_level
 
 
 # Impacts and vibrations -----------------------------------------------------------------------
@@ -161,7 +164,8 @@ def test_a_spike_is_withheld_and_is_no_fault():
         change=device.every(device.offset(200, 0, 4.0, 201), device.offset(300, 3, -60.0, 302)),
     )
     assert list(np.flatnonzero(~outcome.published[5:]) + 5) == [200, 300, 301]
-    assert outcome.within_level and outcome.states[-1] == 'healthy'
+    assert outcome.within_level
+    assert outcome.states[-1] == 'healthy'
 
 
 @pytest.mark.parametrize('gap', [7, 20])
@@ -187,7 +191,8 @@ def test_a_first_reading_that_is_wrong_does_not_silence_for_good(index, sensor, 
         times=device.paused(400, (first, gap)),
     )
     assert not outcome.published[first : wrong + 1].any()
-    assert outcome.published[first + 30 :].all() and outcome.states[-1] == 'healthy'
+    assert outcome.published[first + 30 :].all()
+    assert outcome.states[-1] == 'healthy'
 
 
 @SEEDS

@@ -51,11 +51,13 @@ def test_five_are_silent_where_four_see_nothing(fault, sensor):
 def test_six_isolate_the_faulty_one_and_go_on(fault, sensor):
     kind, change, size = fault
     found = outcome(kind, 6, change(BEGIN, sensor, size))
-    assert found.longest_silence() <= ALERT and found.published[-1]
+    assert found.longest_silence() <= ALERT
+    assert found.published[-1]
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
     # Nobody checks it, and that is declared.
     unchecked = found.result.unchecked[-1]
-    assert unchecked[sensor] > 0.2 and (np.delete(unchecked, sensor) == 0.0).all()
+    assert unchecked[sensor] > 0.2
+    assert (np.delete(unchecked, sensor) == 0.0).all()
 
 
 @pytest.mark.parametrize(
@@ -131,7 +133,8 @@ def test_a_second_faulty_sensor_is_silence(first):
 def test_six_that_may_not_or_cannot_go_on_are_silent(kind, change, parameters, words):
     found = outcome(kind, 6, change, 0.3, **parameters)
     assert not found.published[BEGIN:].any()
-    assert found.states[-1].startswith(words) and 'acknowledged' not in found.states[-1]
+    assert found.states[-1].startswith(words)
+    assert 'acknowledged' not in found.states[-1]
 
 
 # Without a reading ----------------------------------------------------------------------------

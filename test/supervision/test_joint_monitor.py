@@ -122,7 +122,8 @@ def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_i
         assert not any(seen['returned'].any() for seen in runs(angles, 0.04, 14))
     for seen in runs(stays, 0.04, 14):
         # It is followed from there.
-        assert seen['away'][ONSET] and not seen['away'][-100:].any()
+        assert seen['away'][ONSET]
+        assert not seen['away'][-100:].any()
         assert seen['velocity'][-1] == pytest.approx(2.0, abs=1.0)
 
 

@@ -156,7 +156,8 @@ def test_bad_samples_with_a_long_gap_between_are_not_in_a_row():
         latch.note_bad(SimpleNamespace(stamp=second * SECOND), [withheld(Reason.MISSING, '')])
     for stamp in (12 * SECOND, 12 * SECOND + 1_000_000):
         latch.note_bad(SimpleNamespace(stamp=stamp), bad)
-    assert latch.fault is None and latch.onset == 12 * SECOND
+    assert latch.fault is None
+    assert latch.onset == 12 * SECOND
     latch.note_bad(SimpleNamespace(stamp=12 * SECOND + 2_000_000), bad)
     assert latch.fault is not None
 
@@ -237,13 +238,17 @@ def test_the_first_sample_after_a_clock_that_was_set_back_is_later_than_the_last
 def test_parity_and_bounds_do_not_outlive_the_sample_that_they_are_of():
     rig = Rig(alert_limit_deg=2.0)
     supervisor = rig.supervisor
-    assert supervisor.parity is not None and max(supervisor.parts) < np.inf
+    assert supervisor.parity is not None
+    assert max(supervisor.parts) < np.inf
     rig.sample(th1b=np.nan)
-    assert supervisor.parity is None and min(supervisor.parts) == np.inf
+    assert supervisor.parity is None
+    assert min(supervisor.parts) == np.inf
     rig.samples(50)
-    assert supervisor.parity is not None and max(supervisor.parts) < np.inf
+    assert supervisor.parity is not None
+    assert max(supervisor.parts) < np.inf
     rig.sample(th1b=5.0)
-    assert supervisor.parity is not None and min(supervisor.parts) == np.inf
+    assert supervisor.parity is not None
+    assert min(supervisor.parts) == np.inf
     rig.samples(50)
     rig.sample(after=600)
     assert max(supervisor.parts) == np.inf

@@ -16,7 +16,8 @@ from spm_haptic_master.supervision.symptom import Reason
 def test_an_older_sample_is_withheld_and_a_hundred_are_a_clock_that_was_set_back(back):
     rig = Rig()
     verdict = rig.sample(stamp=rig.now - back * MS)
-    assert verdict.estimate is None and verdict.cause.reason is Reason.OLD
+    assert verdict.estimate is None
+    assert verdict.cause.reason is Reason.OLD
     assert verdict.cause.detail == f'{max(back * 1e-3, 1e-9):.6f} s older'
     assert rig.sample().estimate is not None
     rig.now -= 10_000 * MS
@@ -86,5 +87,6 @@ def test_period_and_jitter_are_averages():
 
 def test_a_gap_counts_for_twenty_periods_at_most_and_a_lost_sample_for_no_jitter():
     clock = after(MS, 400 * MS)
-    assert clock.period == pytest.approx(1e-3 * (1.0 + 20.0) / 2.0) and clock.jitter == 0.0
+    assert clock.period == pytest.approx(1e-3 * (1.0 + 20.0) / 2.0)
+    assert clock.jitter == 0.0
     assert after(*[MS] * 60, 2 * MS).jitter == pytest.approx(0.0, abs=1e-9)

@@ -20,7 +20,8 @@ def test_a_lost_frame_is_no_state_and_three_are_a_missing_sensor_until_it_agrees
     rig = Rig(6, **WINDOW)
     for _ in range(20):
         assert rig.samples(2, th3b=nan) == [None] * 2
-        assert rig.samples(1) == [None] and rig.state == 'healthy'
+        assert rig.samples(1) == [None]
+        assert rig.state == 'healthy'
     assert rig.samples(3, th3b=nan) == [None] * 3
     assert rig.state == 'degraded: joint_3b missing'
     assert 20 <= used_again(rig) <= 22

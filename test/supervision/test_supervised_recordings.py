@@ -21,7 +21,8 @@ G = Geometry()
 def test_what_is_published_is_what_the_supervisor_returns_and_the_rest_is_no_number():
     supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, {}))
     found = supervise(TIMES, READINGS)
-    assert isinstance(found, Supervised) and found.published.dtype == bool
+    assert isinstance(found, Supervised)
+    assert found.published.dtype == bool
     assert found.state == [(0, 'starting'), (4, 'healthy')]
     assert np.flatnonzero(~found.published).tolist() == [0, 1, 2, 3]
     for index, (stamp, row) in enumerate(zip(TIMES.tolist(), READINGS.tolist(), strict=True)):
@@ -39,16 +40,19 @@ def test_what_is_published_is_what_the_supervisor_returns_and_the_rest_is_no_num
         (found.protection_level, (60,)),
     ):
         assert values.shape == shape
-        assert np.isnan(values[:4]).all() and np.isfinite(values[4:]).all()
+        assert np.isnan(values[:4]).all()
+        assert np.isfinite(values[4:]).all()
     true = quaternion_from_matrix(motion('rest', 0.06))
     assert np.abs((found.quaternion * true).sum(1))[4:].min() > np.cos(np.radians(0.2))
     # th1A and th1B have no rival here, which takes three samples each; th3A always has one, until
     # the device has turned.
     assert found.unchecked.shape == (60, 4)
     assert np.isinf(found.unchecked[-1]).tolist() == [False, False, True, True]
-    assert found.bounds.shape == (60, 4) and (found.bounds[6:, :2] < 1.1).all()
+    assert found.bounds.shape == (60, 4)
+    assert (found.bounds[6:, :2] < 1.1).all()
     # An unchecked sensor's fault is bounded by the distance of its rival.
-    assert (found.bounds[-1, 2:] > 20.0).all() and np.isfinite(found.bounds[-1]).all()
+    assert (found.bounds[-1, 2:] > 20.0).all()
+    assert np.isfinite(found.bounds[-1]).all()
 
 
 @pytest.mark.parametrize(

@@ -123,7 +123,8 @@ def test_th3a_stuck_at_the_singularity_is_frozen_or_declared_unchecked(noise):
     """No parity shows it: the repeats do, of a sensor that is known to be noisy."""
     if noise:
         outcome = run('taught singular', spoil=stuck(1500, 3))
-        assert outcome.published[5:1500].all() and not outcome.published[1520:].any()
+        assert outcome.published[5:1500].all()
+        assert not outcome.published[1520:].any()
         assert 'joint_3a frozen' in outcome.states[-1]
         early = run('near singular', seconds=1.0, spoil=stuck(500, 3))
         assert np.all(early.result.unchecked[:, 3] > 0.0)
@@ -159,7 +160,8 @@ def test_only_with_its_own_mechanism_a_rig_is_published():
         geometry__proximal_deg=np.degrees(built.alphas),
         geometry__distal_deg=np.degrees(built.betas),
     )
-    assert own.published[4:].mean() > 0.99 and own.within_level
+    assert own.published[4:].mean() > 0.99
+    assert own.within_level
     assert Outcome(rotations, readings, rate=250.0).published.mean() < 0.5
 
 

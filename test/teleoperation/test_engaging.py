@@ -49,7 +49,8 @@ def test_each_condition_is_named_that_is_missing():
         rig.run(5)
         assert rig.state == f'disengaged: {why}'
         machine.external_block = 'two publishers of servo_cp'
-        assert rig.state == 'disengaged: two publishers of servo_cp' and machine.is_blocked
+        assert rig.state == 'disengaged: two publishers of servo_cp'
+        assert machine.is_blocked
         machine.external_block = ''
     rig.run(60)
     assert rig.state == 'engaged'
@@ -113,7 +114,8 @@ def test_a_slave_is_at_rest_after_50_ms_near_one_pose():
     rig.machine.take_presence(True)
     assert rig.machine.enable() == ''
     rig.slave = turn([0.0, 0.0, radians(0.4)]) @ rig.slave
-    assert rig.run(49) == [] and rig.state.endswith('waiting for the slave to be at rest')
+    assert rig.run(49) == []
+    assert rig.state.endswith('waiting for the slave to be at rest')
     assert len(rig.run(1)) == 1
 
 
@@ -177,7 +179,8 @@ def test_what_disengages_does_so_for_good(cause, clutched):
     assert rig.machine.phase is Phase.DISENGAGED
     assert rig.state == f'disengaged: waiting for enable, after: {cause.partition(" (")[0]}'
     assert rig.machine.enable() == ''
-    assert rig.run(20) and rig.machine.starts == 2
+    assert rig.run(20)
+    assert rig.machine.starts == 2
 
 
 def test_presence_has_to_be_repeated():
@@ -189,7 +192,8 @@ def test_presence_has_to_be_repeated():
     for _ in range(2):
         rig.machine.take_presence(True)
         assert rig.run(round(1000 * timeout) - 5)[-1]
-    assert rig.run(20) and rig.run(100) == []
+    assert rig.run(20)
+    assert rig.run(100) == []
     assert rig.state == 'disengaged: no presence'
 
 
@@ -287,7 +291,8 @@ def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     assert rig.machine.phase is Phase.ENGAGED
     stamps, matrices = zip(*rig.commands, strict=True)
     left = np.array([angle_between(matrix, rig.master) for matrix in matrices])
-    assert left[0] == pytest.approx(angle, abs=1e-9) and left[-1] < 1e-9
+    assert left[0] == pytest.approx(angle, abs=1e-9)
+    assert left[-1] < 1e-9
     assert np.all(np.diff(left) <= 1e-7)
     # It stays on its way: what it has turned and what is left add up.
     turned = np.array([angle_between(matrix, matrices[0]) for matrix in matrices])
@@ -378,14 +383,16 @@ def test_what_has_waited_does_not_go_out_at_once():
         command = rig.machine.take_master(rig.stamp, quaternion(rig.master))
         if command is not None:
             burst.append(matrix_from_quaternion(command.pose.rotation))
-    assert burst and angle_between(burst[-1], last) <= 6.0 * (0.01 + 2.0 * PERIOD) * 1.05
+    assert burst
+    assert angle_between(burst[-1], last) <= 6.0 * (0.01 + 2.0 * PERIOD) * 1.05
     # It catches up within the limits.
     behind = len(rig.commands)
     rig.run(300, (0.0, 1.0, 0.0))
     assert rig.state == 'engaged'
     matrices = [matrix for _, matrix in rig.commands[behind:]]
     speeds = [angle_between(*pair) / PERIOD for pair in pairwise(matrices)]
-    assert max(speeds) <= 6.0 * 1.001 and speeds[-1] == pytest.approx(1.0, abs=1e-6)
+    assert max(speeds) <= 6.0 * 1.001
+    assert speeds[-1] == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -421,7 +428,10 @@ class Watch:
 
     def check(self, commands):
         for stamp, matrix in commands:
-            assert self.healthy and self.present and not self.clutch and self.enabling != 0
+            assert self.healthy
+            assert self.present
+            assert not self.clutch
+            assert self.enabling != 0
             assert self.armed or self.engaged
             self.engaged = True
             self.armed = False

@@ -38,7 +38,8 @@ def test_a_twist_ends_soon_however_small_the_acceleration():
     while twist.follow(Motion((0.0, 0.0, 3.0)), 0.1).angular[2] < 3.0:
         pass
     speeds = [motion.angular[2] for motion in end_of(twist)]
-    assert len(speeds) * DT <= 0.1 + 1.01 * DT and sum(speeds) * DT < 0.16
+    assert len(speeds) * DT <= 0.1 + 1.01 * DT
+    assert sum(speeds) * DT < 0.16
 
 
 def test_the_tip_of_a_pivoting_slave_fades_along_the_same_screw():
@@ -52,6 +53,7 @@ def test_the_tip_of_a_pivoting_slave_fades_along_the_same_screw():
     np.testing.assert_allclose(given.linear, np.cross(turning, lever) + sliding, atol=1e-15)
     motions = end_of(twist)
     shares = [motion.angular[0] / turning[0] for motion in motions]
-    assert 0.8 < shares[0] < 1.0 and shares[-2:] == [0.0, 0.0]
+    assert 0.8 < shares[0] < 1.0
+    assert shares[-2:] == [0.0, 0.0]
     for share, motion in zip(shares, motions, strict=True):
         np.testing.assert_allclose(motion.linear, share * np.array(given.linear), atol=1e-15)

@@ -126,12 +126,14 @@ def test_whatever_comes_only_a_command_leads_to_enabled(sequence):
             accepted, _ = state.command(text, time)
             homed = homed and text != 'unhome' or text == 'home'
             if state.name == 'ENABLED' and before != 'ENABLED':
-                assert accepted and text in ('enable', 'resume')
+                assert accepted
+                assert text in ('enable', 'resume')
         if state.name == 'ENABLED':
             assert orientation.publishes
             assert state.is_homed == homed == (state.enabling > 0)
         else:
-            assert not state.is_homed and state.enabling == 0
+            assert not state.is_homed
+            assert state.enabling == 0
         assert (state.name == 'FAULT') == (
             orientation is not None and orientation.condition is Condition.SILENT
         )

@@ -83,7 +83,8 @@ def test_a_lost_insertion_disengages_within_three_periods_and_10_ms(clutched):
     rig.insertion = None
     assert len(rig.run(MISSING)) == (0 if clutched else MISSING)
     assert rig.state in ('engaged', 'clutched')
-    assert rig.run(2) == [] and rig.state == 'disengaged: insertion missing'
+    assert rig.run(2) == []
+    assert rig.state == 'disengaged: insertion missing'
     # It comes back: nothing engages by itself.
     rig.insertion = 0.02
     assert rig.run(100) == []
@@ -206,10 +207,12 @@ def test_engaging_is_refused_with_the_distance(parameters, depth, aside, why):
     rig.ready()
     rig.machine.take_presence(True)
     assert rig.machine.enable() == ''
-    assert rig.run(60) == [] and rig.state == f'disengaged: {why}'
+    assert rig.run(60) == []
+    assert rig.state == f'disengaged: {why}'
     # The slave is moved to where it can pivot, while the enable still holds.
     place(rig, 0.1)
-    assert rig.run(100) and rig.state == 'engaged'
+    assert rig.run(100)
+    assert rig.state == 'engaged'
 
 
 def test_a_shaft_that_was_pushed_aside_during_the_clutch_ends_it():

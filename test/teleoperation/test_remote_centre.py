@@ -192,8 +192,10 @@ def test_a_jump_of_the_insertion_is_slewed_or_disengages():
     assert depths[-1] == pytest.approx(0.15, abs=1e-12)
     stopped = DepthLimits(0.02, 0.3, speed=0.2, acceleration=10.0, slews=False, longest=2.0 * DT)
     depth = LimitedDepth(stopped, 0.1)
-    assert depth.advance(0.15, DT) == 'insertion speed' and depth.depth == 0.1
-    assert depth.advance(0.1008, DT) == 'insertion acceleration' and depth.depth == 0.1
+    assert depth.advance(0.15, DT) == 'insertion speed'
+    assert depth.depth == 0.1
+    assert depth.advance(0.1008, DT) == 'insertion acceleration'
+    assert depth.depth == 0.1
     assert depth.advance(0.1002, DT) == ''
 
 
@@ -242,7 +244,8 @@ def test_a_tilt_beyond_the_limit_disengages_where_commands_are_not_slewed():
     across = np.cross(course.slave @ course.shaft, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
     answers = [course.advance(0.01 * across, 0.0) for _ in range(40)]
-    assert answers[:34] == [''] * 34 and answers[34] == 'tilt'
+    assert answers[:34] == [''] * 34
+    assert answers[34] == 'tilt'
 
 
 def pose_of(tip, rotation=None):

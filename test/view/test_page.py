@@ -107,7 +107,8 @@ def test_a_sentence_says_which_encoders_determine_the_pose(
     warns,
 ):
     note = figures(CLEAR, **known)['note']
-    assert words in note['text'] and note['warns'] == warns
+    assert words in note['text']
+    assert note['warns'] == warns
 
 
 @pytest.mark.parametrize(
@@ -211,14 +212,17 @@ def test_the_figures_of_encoders_clients_and_calibration():
             ages=(0.04, nan, 0.1, 0.2),
         )
     )
-    assert rows['slave'] == 'engaged' and rows['CRTK state'] == 'ENABLED'
+    assert rows['slave'] == 'engaged'
+    assert rows['CRTK state'] == 'ENABLED'
     assert rows['torque'] == '0.20 N m, rendered 0.10 N m'
-    assert rows['th1A read'] == '12.500\u00b0, 0.0 s ago' and rows['th1B read'] == DASH
+    assert rows['th1A read'] == '12.500\u00b0, 0.0 s ago'
+    assert rows['th1B read'] == DASH
     assert rows['th1A device'] == 'counts 4711, serial 1001'
     assert rows['th1B device'] == 'counts none yet, serial not read'
     assert rows['th1C device'] == 'counts 17, no serial on this bus'
     assert rows['th3A device'] == 'this source has neither counts nor serials'
-    assert rows['calibration'] == 'calibrated 2026-11-26' and rows['mechanism'] == 'e30770fb'
+    assert rows['calibration'] == 'calibrated 2026-11-26'
+    assert rows['mechanism'] == 'e30770fb'
     assert rows['alert limit'] == '2\u00b0'
     assert rows['protection level'] == '0.50\u00b0 of 2\u00b0 allowed'
     # One name for one sensor, wherever its joint is named.
@@ -263,7 +267,8 @@ def test_a_silence_is_one_event_however_long_it_lasts(shown):
     for _ in range(6):
         shown.run(1.0)
         states.append(shown.content['sample']['state'])
-    assert len(set(states[3:])) == 1 and states[-1].startswith('silent: nothing from fkm')
+    assert len(set(states[3:])) == 1
+    assert states[-1].startswith('silent: nothing from fkm')
     assert shown.text == 'silent: nothing from fkm, no joint_states for 6 s'
 
 
@@ -286,17 +291,22 @@ def test_a_page_that_opens_gets_the_script_and_the_newest_news(serve, shown):
     shown.arm._page.refresh()
     news = news_of(shown.server)
     (device,) = news['devices']
-    assert device['banner']['text'] == 'healthy' and device['banner']['sign'] == '\u2713'
-    assert device['banner']['alive'] and news['hasDevice']
+    assert device['banner']['text'] == 'healthy'
+    assert device['banner']['sign'] == '\u2713'
+    assert device['banner']['alive']
+    assert news['hasDevice']
     assert device['content']['calibration']['text'] == 'turn it'
     rows = rows_of(device['content'])
-    assert rows['slave'] == 'clutched' and rows['CRTK state'] == 'ENABLED'
-    assert rows['force'] == 'engaged' and rows['calibration'] == 'made today'
+    assert rows['slave'] == 'clutched'
+    assert rows['CRTK state'] == 'ENABLED'
+    assert rows['force'] == 'engaged'
+    assert rows['calibration'] == 'made today'
     assert rows['alert limit'] == '2\u00b0'
     shown.say('state', 'silent: joint_1b stuck')
     shown.run(0.25)
     later = news_of(shown.server)
-    assert later['clock'] >= news['clock'] and later['session'] == news['session']
+    assert later['clock'] >= news['clock']
+    assert later['session'] == news['session']
     (device,) = later['devices']
     assert device['banner'] == {
         'text': 'silent: th1B stuck',
@@ -336,7 +346,8 @@ def test_the_page_without_a_device_says_how_to_start_one(serve):
     page = Page(server)
     news = news_of(server)
     assert news['devices'][0]['banner']['text'] == 'no device found. Start it: make run'
-    assert not news['hasDevice'] and not page.shown
+    assert not news['hasDevice']
+    assert not page.shown
 
 
 def test_the_script_is_one_call_with_the_setup():
