@@ -3,7 +3,6 @@
 
 """The map of the workspace against the dexterity and the determinant of its poses."""
 
-from math import radians
 
 import numpy as np
 import pytest
@@ -22,34 +21,53 @@ def poses_of(axes, phi):
     return kinematics.workspace_pose(tilts, np.arctan2(axes @ along, axes @ across), phi)
 
 
-@pytest.mark.parametrize('phi', [0.0, 45.0, 49.36, 60.0])
-def test_the_map_has_the_dexterity_and_the_singularities(phi):
-    phi = radians(phi)
-    drawn = WorkspaceMap(kinematics.Geometry(), (1, 1, 1))
+# Self-rotations, one of them near the singularity at the centre, rad.
+EACH_PHI = pytest.mark.parametrize('phi', np.radians([0.0, 45.0, 49.36, 60.0]))
+
+
+@pytest.fixture(scope='module')
+def drawn():
+    """Return the map of the nominal mechanism."""
+    return WorkspaceMap(kinematics.Geometry(), (1, 1, 1))
+
+
+def test_its_tiles_are_evenly_over_the_cone(drawn):
+    """As many of them within a part of it as its area has of the whole, none beside another."""
     tilts = np.arccos(drawn.axes @ CENTRE)
     assert tilts.max() < HALF_ANGLE
-    # Evenly over the cone: as many tiles within a part of it as its area has of the whole.
-    assert np.mean(tilts < 0.5 * HALF_ANGLE) == pytest.approx(
-        (1 - np.cos(0.5 * HALF_ANGLE)) / (1 - np.cos(HALF_ANGLE)), abs=0.01
-    )
-    apart = np.linalg.norm(drawn.axes - drawn.axes[:, None], axis=-1) + 9.0 * np.eye(len(tilts))
-    assert apart.min() > 0.85 * np.sqrt(2.0 * np.pi * (1 - np.cos(HALF_ANGLE)) / len(tilts))
-    poses = poses_of(drawn.axes, phi)
-    colours = drawn.colours(phi)
-    np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
-    eta = kinematics.dexterity(poses)
+    area = 2.0 * np.pi * (1 - np.cos(HALF_ANGLE))
+    inner_area = 2.0 * np.pi * (1 - np.cos(0.5 * HALF_ANGLE))
+    assert np.mean(tilts < 0.5 * HALF_ANGLE) == pytest.approx(inner_area / area, abs=0.01)
+    apart = np.linalg.norm(drawn.axes - drawn.axes[:, None], axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    assert apart.min() > 0.85 * np.sqrt(area / len(tilts))
+
+
+def test_its_bar_names_the_colours():
     assert colour_bar() == {
         'colours': [f'rgb({r},{g},{b})' for r, g, b in COLOURS],
         'words': ['0: singular', '0.1', '0.2 and more'],
     }
-    # The nearer to a singularity, the nearer to the first colour.
-    grey = np.ptp(colours.astype(int), axis=1) == 0
-    assert np.array_equal(grey, np.isnan(eta))
-    expected = [np.interp(eta, [0.0, 0.1, 0.2], channel) for channel in COLOURS.T]
+
+
+@EACH_PHI
+def test_a_tile_is_the_nearer_to_the_first_colour_the_nearer_it_is_to_a_singularity(drawn, phi):
+    poses = poses_of(drawn.axes, phi)
+    np.testing.assert_allclose(poses[..., 2], drawn.axes, atol=1e-12)
+    eta = kinematics.dexterity(poses)
     reached = np.isfinite(eta)
-    np.testing.assert_allclose(colours[reached], np.transpose(expected)[reached], atol=1.0)
+    colours = drawn.colours(phi)
+    grey = np.ptp(colours.astype(int), axis=1) == 0
+    assert np.array_equal(grey, ~reached)
+    expected = [np.interp(eta[reached], [0.0, 0.1, 0.2], channel) for channel in COLOURS.T]
+    np.testing.assert_allclose(colours[reached], np.transpose(expected), atol=1.0)
+
+
+@EACH_PHI
+def test_its_singular_axes_are_singular_and_there_where_the_determinant_has_both_signs(drawn, phi):
     singular = drawn.singular_axes(phi)
-    determinants = kinematics.parallel_determinant(poses)
+    determinants = kinematics.parallel_determinant(poses_of(drawn.axes, phi))
     assert bool(len(singular)) == (np.nanmin(determinants) < 0.0 < np.nanmax(determinants))
     # 1e-3 is a twentieth of a degree here.
-    assert np.abs(kinematics.parallel_determinant(poses_of(singular, phi))).max(initial=0.0) < 2e-3
+    there = kinematics.parallel_determinant(poses_of(singular, phi))
+    assert np.abs(there).max(initial=0.0) < 2e-3

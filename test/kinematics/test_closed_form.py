@@ -29,43 +29,58 @@ def check_models(built, mode, rng):
     R = built.reachable_rotation(rng)
     joints = kinematics.inverse(R, g, mode)
     th1 = joints.theta1
+    check_inverse(built, mode, R, joints)
+    modes = kinematics.forward_all(th1, g)
+    check_assembly_modes(built, th1, modes)
     th2a = float(joints.theta2a)
     th3a = float(joints.theta3a)
-    # The independent mechanism closes, in the working mode asked for.
+    chain = LockedChain.of(th1.tolist(), g, FLOATS)
+    _, _, case_1 = common_turn(*chain.turn_equations(math.cos(th2a), math.sin(th2a)))
+    case_2 = case_2_determinant([*th1, th3a], g)
+    quaternion = kinematics.theta3a_quaternion(*th1.tolist(), th3a, g)
+    for found, determinant in (
+        (kinematics.forward_theta2a(th1, th2a, g), case_1),
+        (kinematics.forward_theta3a(th1, th3a, g), case_2),
+        (kinematics.matrix_from_quaternion(quaternion), case_2),
+    ):
+        assert angle_between(found, R) < CLOSED_FORM_ROUNDING / abs(determinant)
+    singular = kinematics.parallel_determinant(R, g, mode)
+    if min(abs(singular), abs(case_2)) < WELL_POSED:
+        return False
+    assert min(angle_between(R, matrix) for matrix in modes) < 1e-9
+    estimate = kinematics.estimate(th1, th3a, SIGMA, g, prior=R)
+    assert angle_between(estimate.rotation, R) < 1e-9
+    return abs(case_1) > 4e-6
+
+
+def check_inverse(built, mode, R, joints):
+    """Check joint angles by the independent mechanism, which closes in the mode asked for."""
+    th1 = joints.theta1
     np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
     assert built.working_mode(th1, R) == mode
-    floats = kinematics.mechanism_angles(tuple(R.ravel().tolist()), g, mode)
+    # By floats th1, th2 and th3 of each leg.
+    floats = kinematics.mechanism_angles(tuple(R.ravel().tolist()), built.geometry, mode)
     for leg in range(3):
-        assert angle_between(built.chain(leg, *floats[3 * leg : 3 * leg + 3]), R) < 1e-9
-    np.testing.assert_allclose(
-        floats[::3] + floats[1:3] + floats[5::3],
-        [*th1, th2a, th3a, joints.theta3b, joints.theta3c],
-        atol=1e-12,
-    )
-    modes = kinematics.forward_all(th1, g)
+        chain = built.chain(leg, *floats[3 * leg : 3 * leg + 3])
+        assert angle_between(chain, R) < 1e-9
+    th2a, th3a = floats[1:3]
+    th3b_and_th3c = floats[5::3]
+    np.testing.assert_allclose(floats[::3], th1, atol=1e-12)
+    assert th2a == pytest.approx(float(joints.theta2a), abs=1e-12)
+    assert th3a == pytest.approx(float(joints.theta3a), abs=1e-12)
+    np.testing.assert_allclose(th3b_and_th3c, [joints.theta3b, joints.theta3c], atol=1e-12)
+
+
+def check_assembly_modes(built, th1, modes):
+    """Check that each closes the mechanism, and leads back by the inverse of its working mode."""
     assert len(modes) <= 8
     np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
-    # The inverse model leads back, in the working mode of each assembly mode.
     for matrix, volumes in zip(modes, built.leg_volumes(th1, modes), strict=True):
         if np.abs(volumes).min() > 0.01:
             signs = tuple(1 if volume > 0.0 else -1 for volume in volumes)
-            again = kinematics.measured_angles(tuple(matrix.ravel().tolist()), g, signs, 4)[:3]
+            rows = tuple(matrix.ravel().tolist())
+            again = kinematics.measured_angles(rows, built.geometry, signs, 4)[:3]
             np.testing.assert_allclose(wrapped(again - th1), 0.0, atol=1e-9)
-    closed_forms = (
-        kinematics.forward_theta2a(th1, th2a, g),
-        kinematics.forward_theta3a(th1, th3a, g),
-        kinematics.matrix_from_quaternion(kinematics.theta3a_quaternion(*th1.tolist(), th3a, g)),
-    )
-    chain = LockedChain.of(th1.tolist(), g, FLOATS)
-    case_1 = common_turn(*chain.turn_equations(math.cos(th2a), math.sin(th2a)))[2]
-    case_2 = case_2_determinant([*th1, th3a], g)
-    for found, determinant in zip(closed_forms, (case_1, case_2, case_2), strict=True):
-        assert angle_between(found, R) < CLOSED_FORM_ROUNDING / abs(determinant)
-    if min(abs(kinematics.parallel_determinant(R, g, mode)), abs(case_2)) < WELL_POSED:
-        return False
-    assert min(angle_between(R, matrix) for matrix in modes) < 1e-9
-    assert angle_between(kinematics.estimate(th1, th3a, SIGMA, g, prior=R).rotation, R) < 1e-9
-    return abs(case_1) > 4e-6
 
 
 @pytest.mark.parametrize('mode', MODES)

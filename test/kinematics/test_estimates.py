@@ -78,39 +78,66 @@ def test_it_is_the_minimum_in_every_working_mode(sensors):
     assert checked > 15
 
 
-@pytest.mark.parametrize('sensors', [4, 6])
-def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
+# Rows of a batch of more than two slices, and those of them that close no mechanism.
+ROWS = 2 * SLICE + 6
+FAILING = [7, SLICE + 3]
+# Rows at the ends of the batch and of its slices.
+AT_ENDS = [0, SLICE - 1, SLICE, SLICE + 4, 2 * SLICE - 1, 2 * SLICE, 2 * SLICE + 5]
+
+
+def readings_of_a_long_batch(sensors):
+    """Return noisy readings of one pose, some of which close no mechanism, (`ROWS`, sensors)."""
     rng = np.random.default_rng(64)
-    sigma = UNEQUAL[:sensors]
     true = all_angles(mechanism.tilted(0.3, 0.2, 1.0))[:sensors]
-    readings = true + sigma * rng.normal(size=(2 * SLICE + 6, sensors))
-    failing = [7, SLICE + 3]
-    readings[failing] = [1.5, -1.5, 1.5, 1.0, 2.0, -2.0][:sensors]  # close no mechanism
-    batch = estimated(readings.reshape(2, SLICE + 3, sensors), sigma)
+    readings = true + UNEQUAL[:sensors] * rng.normal(size=(ROWS, sensors))
+    readings[FAILING] = [1.5, -1.5, 1.5, 1.0, 2.0, -2.0][:sensors]
+    return readings
+
+
+def rows_of(batch, name):
+    """Return an attribute of a batch, one row after the other."""
+    values = getattr(batch, name)
+    return values.reshape(ROWS, *values.shape[2:])
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_only_the_rows_that_fail_are_nan(sensors):
+    readings = readings_of_a_long_batch(sensors)
+    batch = estimated(readings.reshape(2, SLICE + 3, sensors), UNEQUAL[:sensors])
     assert batch.parity_vector.shape == (2, SLICE + 3, sensors - 3)
-    rotation, covariance, parity, vector, determined = (
-        getattr(batch, name).reshape(len(readings), *getattr(batch, name).shape[2:])
-        for name in ('rotation', 'covariance', 'parity', 'parity_vector', 'determined')
-    )
-    answered = np.isfinite(rotation).all((1, 2))
-    assert np.flatnonzero(~answered).tolist() == failing
+    answered = np.isfinite(rows_of(batch, 'rotation')).all((1, 2))
+    assert np.flatnonzero(~answered).tolist() == FAILING
+    vector = rows_of(batch, 'parity_vector')
     np.testing.assert_array_equal(np.isfinite(vector).all(-1), answered)
-    np.testing.assert_array_equal(determined, answered)
-    assert not batch.consistent.ravel()[failing].any()
+    np.testing.assert_array_equal(rows_of(batch, 'determined'), answered)
+    assert not rows_of(batch, 'consistent')[FAILING].any()
     with pytest.raises(SpmError):
-        estimated(readings[7], sigma)
-    for row in (0, SLICE - 1, SLICE, SLICE + 4, 2 * SLICE - 1, 2 * SLICE, 2 * SLICE + 5):
+        estimated(readings[FAILING[0]], UNEQUAL[:sensors])
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_long_batches_are_their_rows(sensors):
+    sigma = UNEQUAL[:sensors]
+    readings = readings_of_a_long_batch(sensors)
+    batch = estimated(readings.reshape(2, SLICE + 3, sensors), sigma)
+    used = kinematics.UsedSensors(tuple(sigma))
+    for row in AT_ENDS:
         single = estimated(readings[row], sigma)
-        sample = kinematics.estimate_sample(
-            tuple(readings[row].tolist()), kinematics.UsedSensors(tuple(sigma)), PAPER
-        )
-        for found in (rotation[row], kinematics.matrix_from_quaternion(sample.quaternion)):
+        sample = kinematics.estimate_sample(tuple(readings[row].tolist()), used, PAPER)
+        for found in (
+            rows_of(batch, 'rotation')[row],
+            kinematics.matrix_from_quaternion(sample.quaternion),
+        ):
             np.testing.assert_allclose(found, single.rotation, atol=1e-12)
-        for found in (covariance[row], np.reshape(sample.covariance, (3, 3))):
+        for found in (
+            rows_of(batch, 'covariance')[row],
+            np.reshape(sample.covariance, (3, 3)),
+        ):
             np.testing.assert_allclose(found, single.covariance, rtol=1e-5)
-        for found in (vector[row], sample.parity_vector):
+        for found in (rows_of(batch, 'parity_vector')[row], sample.parity_vector):
             np.testing.assert_allclose(found, single.parity_vector, atol=1e-6)
-        assert parity[row] == pytest.approx(sample.parity, abs=1e-6)
+        parity = rows_of(batch, 'parity')[row]
+        assert parity == pytest.approx(sample.parity, abs=1e-6)
         assert sample.parity == pytest.approx(float(single.parity), abs=1e-12)
 
 

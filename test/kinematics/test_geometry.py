@@ -117,28 +117,47 @@ def test_axes_in_single_precision_are_normalised():
     np.testing.assert_allclose(np.linalg.norm(g.platform_axes, axis=1), 1.0, atol=1e-15)
 
 
-def test_the_usual_frames_are_the_same_from_any_other_frames():
-    rng = np.random.default_rng(300)
-    for built in (nominal(), *(random_built(rng) for _ in range(20))):
-        there = in_usual_frames(built.geometry)
-        if built.geometry == nominal().geometry:
-            np.testing.assert_allclose(there.platform_axes, built.platform, atol=1e-15)
-        assert there.base_axes[0] == (0.0, 0.0, 1.0)
-        assert there.base_axes[1][1] == 0.0 < there.base_axes[1][0]
-        # Where the sum of squares is least, no small turn reduces it.
-        axes = np.array(there.platform_axes)
-        drawn = np.array(Geometry().platform_axes)
-        np.testing.assert_allclose(np.cross(axes, drawn).sum(0), 0.0, atol=1e-14)
-        assert ((axes - drawn) ** 2).sum() < ((axes @ turn([0.1, 0.0, 0.2]).T - drawn) ** 2).sum()
-        outer = turn(0.3 * rng.normal(size=3))
-        inner = turn(0.3 * rng.normal(size=3))
-        again = in_usual_frames(
-            Built(built.base @ outer.T, built.platform @ inner.T, built.alpha, built.beta).geometry
-        )
-        np.testing.assert_allclose(again.base_axes, there.base_axes, atol=1e-14)
-        np.testing.assert_allclose(again.platform_axes, there.platform_axes, atol=1e-14)
-        # Nothing between two of its axes changes, nor its handedness.
-        for found, drawn in ((there.base_axes, built.base), (there.platform_axes, built.platform)):
-            axes = np.array(found)
-            np.testing.assert_allclose(axes @ axes.T, drawn @ drawn.T, atol=1e-14)
-            assert np.linalg.det(axes) == pytest.approx(np.linalg.det(drawn))
+# The nominal mechanism, and others that are built at random.
+RANDOM = np.random.default_rng(300)
+MECHANISMS = [nominal(), *(random_built(RANDOM) for _ in range(20))]
+
+
+@pytest.mark.parametrize('built', MECHANISMS)
+def test_in_the_usual_frames_the_base_has_zeros_and_the_platform_is_as_drawn(built):
+    there = in_usual_frames(built.geometry)
+    assert there.base_axes[0] == (0.0, 0.0, 1.0)
+    across, out_of_plane, _ = there.base_axes[1]
+    assert out_of_plane == 0.0
+    assert across > 0.0
+    # Where the sum of squares is least, no small turn reduces it.
+    axes = np.array(there.platform_axes)
+    drawn = np.array(Geometry().platform_axes)
+    np.testing.assert_allclose(np.cross(axes, drawn).sum(0), 0.0, atol=1e-14)
+    turned = axes @ turn([0.1, 0.0, 0.2]).T
+    assert ((axes - drawn) ** 2).sum() < ((turned - drawn) ** 2).sum()
+
+
+def test_the_nominal_mechanism_is_in_the_usual_frames():
+    there = in_usual_frames(nominal().geometry)
+    np.testing.assert_allclose(there.platform_axes, nominal().platform, atol=1e-15)
+
+
+@pytest.mark.parametrize('built', MECHANISMS)
+def test_the_usual_frames_are_the_same_from_any_other_frames(built):
+    rng = np.random.default_rng(301)
+    outer = turn(0.3 * rng.normal(size=3))
+    inner = turn(0.3 * rng.normal(size=3))
+    other = Built(built.base @ outer.T, built.platform @ inner.T, built.alpha, built.beta)
+    there = in_usual_frames(built.geometry)
+    again = in_usual_frames(other.geometry)
+    np.testing.assert_allclose(again.base_axes, there.base_axes, atol=1e-14)
+    np.testing.assert_allclose(again.platform_axes, there.platform_axes, atol=1e-14)
+
+
+@pytest.mark.parametrize('built', MECHANISMS)
+def test_in_the_usual_frames_nothing_between_two_axes_changes_nor_their_handedness(built):
+    there = in_usual_frames(built.geometry)
+    for found, drawn in ((there.base_axes, built.base), (there.platform_axes, built.platform)):
+        axes = np.array(found)
+        np.testing.assert_allclose(axes @ axes.T, drawn @ drawn.T, atol=1e-14)
+        assert np.linalg.det(axes) == pytest.approx(np.linalg.det(drawn))

@@ -16,35 +16,53 @@ WINDOW = 20_000_000
 PERIOD = 1_000_000
 
 
+# Directions and angles (rad) of a grid of rotations, 0 and pi among them.
+AXES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, -2, 0.5)]
+ANGLES = [0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi]
+
+
+def grid_of_rotations():
+    """Return the rotations of each angle about each axis, (5, 5, 3, 3)."""
+    directions = [np.array(axis) / np.linalg.norm(axis) for axis in AXES]
+    return np.array([[turn(angle * axis) for axis in directions] for angle in ANGLES])
+
+
 def test_quaternion_of_matrix_at_every_angle():
-    axes = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, -2, 0.5)]
-    R = np.array(
-        [
-            [turn(angle * np.array(axis) / np.linalg.norm(axis)) for axis in axes]
-            for angle in (0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi)
-        ]
-    )
+    R = grid_of_rotations()
     q = rotations.quaternion_from_matrix(R)
-    np.testing.assert_allclose(q[2, 2], [0.0, 0.0, math.sin(0.5), math.cos(0.5)], atol=1e-15)
     assert q.shape == (5, 5, 4)
+    about_z = q[ANGLES.index(1.0), AXES.index((0, 0, 1))]
+    half = 0.5
+    np.testing.assert_allclose(about_z, [0.0, 0.0, math.sin(half), math.cos(half)], atol=1e-15)
     assert (q[..., 3] >= 0.0).all()
     np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1.0, atol=1e-15)
     np.testing.assert_allclose(rotations.matrix_from_quaternion(q), R, atol=2e-15)
+
+
+def test_batches_keep_their_shape():
+    R = grid_of_rotations()
     assert [angle.shape for angle in rotations.zxz_from_matrix(R)] == [(5, 5)] * 3
-    assert rotations.quaternion_from_matrix(np.zeros((0, 3, 3))).shape == (0, 4)
+    nothing = np.zeros((0, 3, 3))
+    assert rotations.quaternion_from_matrix(nothing).shape == (0, 4)
 
 
 def test_product_and_distance_of_quaternions():
     rng = np.random.default_rng(8)
     for P, Q in random_rotations(rng, 40).reshape(20, 2, 3, 3):
-        p, q = (tuple(rotations.quaternion_from_matrix(matrix).tolist()) for matrix in (P, Q))
+        p = tuple(rotations.quaternion_from_matrix(P).tolist())
+        q = tuple(rotations.quaternion_from_matrix(Q).tolist())
         product = rotations.multiply_quaternions(p, q)
         np.testing.assert_allclose(rotations.matrix_from_quaternion(product), P @ Q, atol=1e-14)
         angle = pytest.approx(angle_between(P, Q), abs=1e-7)
-        for other in (q, tuple(-value for value in q)):
-            assert rotations.rotation_distance(p, other) == angle
-    half_turn = rotations.rotation_distance((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0))
-    assert half_turn == pytest.approx(math.pi)
+        same = tuple(-value for value in q)
+        assert rotations.rotation_distance(p, q) == angle
+        assert rotations.rotation_distance(p, same) == angle
+
+
+def test_the_distance_of_a_half_turn():
+    identity = (0.0, 0.0, 0.0, 1.0)
+    half_turn = (0.0, 0.0, 1.0, 0.0)
+    assert rotations.rotation_distance(identity, half_turn) == pytest.approx(math.pi)
 
 
 @pytest.mark.parametrize(
@@ -82,29 +100,45 @@ def test_rotations_and_quaternions_are_checked_to_their_tolerance(excess, accept
             rotations.quaternion_from_matrix(stretched)
 
 
-def test_zxz_angles_matrices_and_continuous_quaternions_are_each_other():
-    """With theta at 0 and pi, where only the sum or the difference of the others is defined."""
+@pytest.fixture
+def zxz_angles():
+    """Return psi, theta and phi, theta at 0 and pi in some: there one of the others is free."""
     psi, theta, phi = np.random.default_rng(9).uniform(-7.0, 7.0, (3, 300))
-    theta[:50], theta[50:100] = 0.0, math.pi
-    R = rotations.matrix_from_zxz(psi, theta, phi)
+    theta[:50] = 0.0
+    theta[50:100] = math.pi
+    return psi, theta, phi
+
+
+def test_zxz_angles_and_matrices_are_each_other(zxz_angles):
+    R = rotations.matrix_from_zxz(*zxz_angles)
     back = rotations.zxz_from_matrix(R)
-    assert (back[1] >= 0.0).all()
+    _, theta, _ = back
+    assert (theta >= 0.0).all()
     assert np.abs(back).max() <= math.pi
     np.testing.assert_allclose(rotations.matrix_from_zxz(*back), R, atol=4e-15)
-    for row, angles in enumerate(zip(psi.tolist(), theta.tolist(), phi.tolist(), strict=True)):
+
+
+def test_zxz_of_one_rotation_are_those_of_a_batch(zxz_angles):
+    R = rotations.matrix_from_zxz(*zxz_angles)
+    back = np.transpose(rotations.zxz_from_matrix(R))
+    for angles, matrix, of_batch in zip(np.transpose(zxz_angles), R, back, strict=True):
         expected = zxz(*angles)
-        q = rotations.zxz_quaternion(*angles)
-        for found in (
-            R[row],
-            np.reshape(rotations.zxz_rotation(*angles), (3, 3)),
-            rotations.matrix_from_quaternion(q),
-        ):
-            np.testing.assert_allclose(found, expected, atol=2e-15)
-        for step in 1e-6 * np.eye(3):
-            np.testing.assert_allclose(rotations.zxz_quaternion(*(angles + step)), q, atol=1e-6)
-        one = rotations.zxz_angles(*rotations.quaternion_from_matrix(R[row]).tolist())
-        for found, other in zip(one, np.array(back)[:, row], strict=True):
+        floats = np.reshape(rotations.zxz_rotation(*angles.tolist()), (3, 3))
+        np.testing.assert_allclose(matrix, expected, atol=2e-15)
+        np.testing.assert_allclose(floats, expected, atol=2e-15)
+        one = rotations.zxz_angles(*rotations.quaternion_from_matrix(matrix).tolist())
+        for found, other in zip(one, of_batch, strict=True):
             assert abs(math.remainder(found - other, 2.0 * math.pi)) < 2e-15
+
+
+def test_quaternions_of_zxz_angles_are_their_rotations_and_continuous(zxz_angles):
+    for angles in np.transpose(zxz_angles):
+        q = rotations.zxz_quaternion(*angles)
+        matrix = rotations.matrix_from_quaternion(q)
+        np.testing.assert_allclose(matrix, zxz(*angles), atol=2e-15)
+        for step in 1e-6 * np.eye(3):
+            near = rotations.zxz_quaternion(*(angles + step))
+            np.testing.assert_allclose(near, q, atol=1e-6)
 
 
 def test_a_constant_turn_in_the_base_frame_from_half_a_window_on():

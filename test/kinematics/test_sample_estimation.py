@@ -65,53 +65,76 @@ def rotated(sample, R):
     return small_vector(kinematics.matrix_from_quaternion(sample.quaternion) @ R.T)
 
 
-@pytest.mark.parametrize('sensors', SETS, ids=name_of)
-def test_true_readings_give_the_pose_and_its_gains(sensors):
-    """Four and more need no prior; gains are finite differences, and make the covariance."""
+# Step of finite differences, rad.
+STEP = 1e-5
+
+
+def pose_for(sensors):
+    """Return a pose for some used sensors."""
+    return kinematics.workspace_pose(*POSES[sensors.used[-2] % len(POSES)])
+
+
+def moved_by(sensors, R, place, change):
+    """Return the estimate after one reading has changed, rad."""
+    readings = list(readings_at(R, sensors))
+    readings[place] += change
+    prior = quaternion(R)
+    return kinematics.estimate_sample(tuple(readings), sensors, PAPER, prior, last_step=1e-9)
+
+
+def differences(sensors, R):
+    """Return how orientation and parity vector follow each reading, by finite differences."""
     mounted = len(sensors.sigma)
-    step = 1e-5
-    R = kinematics.workspace_pose(*POSES[sensors.used[-2] % len(POSES)])
+    gains = np.zeros((mounted, 3))
+    parity_gains = np.zeros((mounted, sensors.count - 3))
+    for place in sensors.used:
+        ahead = moved_by(sensors, R, place, STEP)
+        behind = moved_by(sensors, R, place, -STEP)
+        gains[place] = (rotated(ahead, R) - rotated(behind, R)) / (2.0 * STEP)
+        change = np.subtract(ahead.parity_vector, behind.parity_vector)
+        parity_gains[place] = change / (2.0 * STEP)
+    return gains, parity_gains
+
+
+@pytest.mark.parametrize('sensors', SETS, ids=name_of)
+def test_true_readings_give_the_pose(sensors):
+    """Four and more need no prior."""
+    R = pose_for(sensors)
     readings = readings_at(R, sensors)
-    for prior in (quaternion(turn([0.01, -0.01, 0.01]) @ R), None)[: sensors.count - 2]:
+    near = quaternion(turn([0.01, -0.01, 0.01]) @ R)
+    for prior in (near, None) if sensors.count > 3 else (near,):
         sample = kinematics.estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1), 1e-9)
         assert np.linalg.norm(rotated(sample, R)) < 1e-7
         assert len(sample.parity_vector) == sensors.count - 3
         assert np.abs(sample.parity_vector).max(initial=0.0) < 1e-6
         assert (sample.parity is None) == (sensors.count == 3)
-    gains = np.zeros((mounted, 3))
-    moved = np.zeros((mounted, sensors.count - 3))
-    for place in sensors.used:
-        ahead, behind = (
-            kinematics.estimate_sample(
-                (*readings[:place], readings[place] + change, *readings[place + 1 :]),
-                sensors,
-                PAPER,
-                quaternion(R),
-                last_step=1e-9,
-            )
-            for change in (step, -step)
-        )
-        gains[place] = (rotated(ahead, R) - rotated(behind, R)) / (2.0 * step)
-        moved[place] = np.subtract(ahead.parity_vector, behind.parity_vector) / (2.0 * step)
+
+
+@pytest.mark.parametrize('sensors', SETS, ids=name_of)
+def test_gains_are_finite_differences_and_make_the_covariance(sensors):
+    R = pose_for(sensors)
+    sample = moved_by(sensors, R, sensors.used[0], 0.0)
+    gains, parity_gains = differences(sensors, R)
     np.testing.assert_allclose(sample.gain_sizes, np.linalg.norm(gains, axis=1), rtol=1e-3)
     weighted = np.array(sensors.sigma)[:, None] * gains
-    parity_gains = sample.parity_gains
-    np.testing.assert_allclose(
-        weighted.T @ weighted,
-        np.reshape(sample.covariance, (3, 3)),
-        rtol=0.0,
-        atol=2e-3 * np.trace(weighted.T @ weighted),
-    )
-    np.testing.assert_allclose(SIGMA * moved, SIGMA * np.array(parity_gains), atol=1e-3)
-    np.testing.assert_allclose(
-        sample.parity_sizes, np.linalg.norm(parity_gains, axis=1), rtol=1e-9, atol=1e-9
-    )
-    # The parity vector is white, and an entry depends on no later sensor.
-    white = np.array(sensors.sigma)[:, None] * parity_gains
+    covariance = weighted.T @ weighted
+    stated = np.reshape(sample.covariance, (3, 3))
+    np.testing.assert_allclose(covariance, stated, rtol=0.0, atol=2e-3 * np.trace(covariance))
+    of_sample = np.array(sample.parity_gains)
+    np.testing.assert_allclose(SIGMA * parity_gains, SIGMA * of_sample, atol=1e-3)
+
+
+@pytest.mark.parametrize('sensors', SETS, ids=name_of)
+def test_the_parity_vector_is_white_and_an_entry_depends_on_no_later_sensor(sensors):
+    sample = moved_by(sensors, pose_for(sensors), sensors.used[0], 0.0)
+    sizes = np.linalg.norm(sample.parity_gains, axis=1)
+    np.testing.assert_allclose(sample.parity_sizes, sizes, rtol=1e-9, atol=1e-9)
+    white = np.array(sensors.sigma)[:, None] * sample.parity_gains
     np.testing.assert_allclose(white.T @ white, np.eye(sensors.count - 3), atol=1e-8)
     for entry, place in enumerate(sensors.used[3:]):
+        later = list(sensors.used[4 + entry :])
         assert white[place, entry]
-        assert not white[list(sensors.used[4 + entry :]), entry].any()
+        assert not white[later, entry].any()
 
 
 @pytest.mark.parametrize('sensors', [each for each in SETS if each.count > 3], ids=name_of)

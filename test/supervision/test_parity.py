@@ -83,12 +83,20 @@ def test_it_has_the_samples_of_its_time_and_ten_at_least(time, step, samples):
     parities = window(time=time)
     check(parities, np.full((200, 1), 0.5), step=step)
     assert parities.root == pytest.approx(sqrt(samples))
-    # An inconsistent sample is not in the mean.
-    check(parities, [[100.0]], step=step, first=200 * step)
+
+
+@pytest.mark.parametrize(('time', 'step', 'samples'), [(0.1, MS, 101), (0.02, 4 * MS, 10)])
+def test_an_inconsistent_sample_is_not_in_the_mean(time, step, samples):
+    """And each of the others leaves it after its time."""
+    parities = window(time=time)
+    check(parities, np.full((200, 1), 0.5), step=step)
+    after = 200 * step
+    check(parities, [[100.0]], step=step, first=after)
     assert parities.mean == pytest.approx((0.5, 0.0, 0.0))
-    check(parities, np.zeros((samples - 1, 1)), step=step, first=200 * step)
+    zeros = np.zeros((samples - 1, 1))
+    check(parities, zeros, step=step, first=after)
     assert parities.mean == pytest.approx((0.5 / samples, 0.0, 0.0))
-    check(parities, np.zeros((1, 1)), step=step, first=(199 + samples) * step)
+    check(parities, zeros[:1], step=step, first=(199 + samples) * step)
     assert parities.mean == pytest.approx((0.0, 0.0, 0.0))
 
 
@@ -102,15 +110,18 @@ def test_rounding_does_not_add_up():
 @pytest.mark.parametrize(('entries', 'noise'), [(1, 1.0), (2, 3.0), (3, 1.0)])
 def test_the_variance_of_the_entries_is_measured_and_outlasts_a_restart(entries, noise):
     parities = window(entries)
-    found = []
-    for index, vector in enumerate(noise * np.random.default_rng(2).normal(size=(4000, entries))):
-        parities.check(index * MS, tuple(vector.tolist()), noise, BIAS)
-        found.append(parities.variance)
-    assert np.mean(found[1000:]) == pytest.approx(noise**2, rel=0.1)
+    vectors = noise * np.random.default_rng(2).normal(size=(4000, entries))
+    variances = []
+    for index, vector in enumerate(vectors.tolist()):
+        parities.check(index * MS, tuple(vector), noise, BIAS)
+        variances.append(parities.variance)
+    assert np.mean(variances[1000:]) == pytest.approx(noise**2, rel=0.1)
     parities.restart()
-    assert (parities.mean, parities.variance) == ((0.0, 0.0, 0.0), found[-1])
+    assert parities.mean == (0.0, 0.0, 0.0)
+    assert parities.variance == variances[-1]
     # The first four are not tested together.
-    assert not any(check(parities, [6.0 * direction(entries)] * 4, first=10_000 * MS))
+    far = [6.0 * direction(entries)] * 4
+    assert not any(check(parities, far, first=10_000 * MS))
 
 
 def test_neither_a_constant_parity_nor_one_outlier_is_noise():

@@ -18,22 +18,29 @@ READINGS = encoders(joint_angles(motion('rest', 0.06)))
 G = Geometry()
 
 
-def test_what_is_published_is_what_the_supervisor_returns_and_the_rest_is_no_number():
+@pytest.fixture(scope='module')
+def found():
+    """Return the supervised recording of a device at rest."""
+    return supervise(TIMES, READINGS)
+
+
+def test_each_sample_is_what_the_supervisor_returns(found):
     supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, {}))
-    found = supervise(TIMES, READINGS)
-    assert isinstance(found, Supervised)
-    assert found.published.dtype == bool
-    assert found.state == [(0, 'starting'), (4, 'healthy')]
-    assert np.flatnonzero(~found.published).tolist() == [0, 1, 2, 3]
     for index, (stamp, row) in enumerate(zip(TIMES.tolist(), READINGS.tolist(), strict=True)):
         verdict = supervisor.take(stamp, tuple(row))
         assert tuple(found.unchecked[index]) == supervisor.unchecked()
         if verdict.estimate is not None:
             assert tuple(found.quaternion[index]) == verdict.estimate.quaternion
             assert tuple(found.covariance[index].ravel()) == verdict.estimate.covariance
-            assert np.radians(found.protection_level[index]) == pytest.approx(
-                verdict.protection_level
-            )
+            level = np.radians(found.protection_level[index])
+            assert level == pytest.approx(verdict.protection_level)
+
+
+def test_what_is_not_published_is_no_number(found):
+    assert isinstance(found, Supervised)
+    assert found.published.dtype == bool
+    assert found.state == [(0, 'starting'), (4, 'healthy')]
+    assert np.flatnonzero(~found.published).tolist() == [0, 1, 2, 3]
     for values, shape in (
         (found.quaternion, (60, 4)),
         (found.covariance, (60, 3, 3)),
@@ -42,15 +49,24 @@ def test_what_is_published_is_what_the_supervisor_returns_and_the_rest_is_no_num
         assert values.shape == shape
         assert np.isnan(values[:4]).all()
         assert np.isfinite(values[4:]).all()
+
+
+def test_the_orientations_are_the_true_ones(found):
     true = quaternion_from_matrix(motion('rest', 0.06))
-    assert np.abs((found.quaternion * true).sum(1))[4:].min() > np.cos(np.radians(0.2))
-    # th1A and th1B have no rival here, which takes three samples each; th3A always has one, until
-    # the device has turned.
+    half_cosine = np.abs((found.quaternion * true).sum(1))
+    assert half_cosine[4:].min() > np.cos(np.radians(0.2))
+
+
+def test_which_sensors_are_checked_and_what_bounds_the_others(found):
+    """
+    Checked are th1A and th1B, which have no rival here; th3A has one until the device has turned.
+
+    An unchecked sensor's fault is bounded by the distance of its rival.
+    """
     assert found.unchecked.shape == (60, 4)
     assert np.isinf(found.unchecked[-1]).tolist() == [False, False, True, True]
     assert found.bounds.shape == (60, 4)
     assert (found.bounds[6:, :2] < 1.1).all()
-    # An unchecked sensor's fault is bounded by the distance of its rival.
     assert (found.bounds[-1, 2:] > 20.0).all()
     assert np.isfinite(found.bounds[-1]).all()
 
