@@ -3,7 +3,6 @@
 
 """The map of the workspace against the dexterity and the determinant of its poses."""
 
-
 import numpy as np
 import pytest
 from spm_haptic_master import kinematics

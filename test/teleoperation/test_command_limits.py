@@ -39,62 +39,87 @@ def test_single_precision_is_a_rotation_and_what_is_none_is_refused():
         assert command_limits.unit_quaternion(values) is None
 
 
-@pytest.mark.parametrize('seed', range(20))
-def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
-    """By the rotations alone; where no motion is within the limits, it says so and stays."""
-    generator = random.Random(seed)
-    period = 1.0 / generator.choice([20.0, 100.0, 200.0, 500.0, 1000.0])
-    limits = command_limits.CommandLimits(
+def random_limits(generator, period):
+    """Return limits of a command, from far too slow to far too fast for a hand."""
+    return command_limits.CommandLimits(
         speed=generator.uniform(0.1, 10.0),
         acceleration=10.0 ** generator.uniform(-1.0, 5.0),
         jump=radians(10.0 ** generator.uniform(-1.5, 1.5)),
         slews=True,
         longest=2.0 * period,
     )
+
+
+def random_rate(generator):
+    """Return an angular velocity in any direction, rad/s."""
+    axis = np.array([generator.gauss(0.0, 1.0) for _ in range(3)])
+    return generator.choice([0.0, 0.3, 3.0, 30.0]) * axis / np.linalg.norm(axis)
+
+
+def random_target(generator, rotation):
+    """Return the rotation itself, or one that is anywhere."""
+    if generator.random() < 0.7:
+        return rotation
+    vector = [generator.uniform(-1.5, 1.5) for _ in range(3)]
+    return rotations.quaternion_from_vector(*vector)
+
+
+def turned(rate, dt, rotation):
+    """Return a rotation after a turn at a rate, rad/s, for a time, s."""
+    step = rotations.quaternion_from_vector(*rate * dt)
+    return rotations.multiply_quaternions(step, rotation)
+
+
+def velocity_between(before, after, dt):
+    """Return the angular velocity from one rotation to the next, rad/s."""
+    step = rotations.multiply_quaternions(after, rotations.conjugate(before))
+    return np.array(rotations.vector_from_quaternion(*step)) / dt
+
+
+def check_step(limits, last, velocity, dt):
+    """Check that a step of the command breaks no limit, after one at the velocity `last`."""
+    speed = np.linalg.norm(velocity)
+    change = np.linalg.norm(velocity - last)
+    assert speed <= limits.speed * (1.0 + 1e-6) + 1e-9
+    assert speed * dt <= limits.jump * (1.0 + 1e-6) + 1e-9
+    assert change <= limits.acceleration * dt * (1.0 + 1e-6) + 1e-7
+
+
+def check_no_step_is_possible(limits, last, dt):
+    """Check that the slowest motion within the acceleration is farther than a jump."""
+    least = np.linalg.norm(last) - limits.acceleration * dt
+    assert least * dt > limits.jump * (1.0 - 1e-6)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
+    """By the rotations alone; where no motion is within the limits, it says so and stays."""
+    generator = random.Random(seed)
+    period = 1.0 / generator.choice([20.0, 100.0, 200.0, 500.0, 1000.0])
+    limits = random_limits(generator, period)
     command = command_limits.LimitedRotation(limits, IDENTITY)
     velocity = np.zeros(3)
     moved = False
     for _ in range(40):
-        axis = np.array([generator.gauss(0.0, 1.0) for _ in range(3)])
-        rate = generator.choice([0.0, 0.3, 3.0, 30.0]) * axis / np.linalg.norm(axis)
-        target = (
-            command.rotation
-            if generator.random() < 0.7
-            else rotations.quaternion_from_vector(
-                *(generator.uniform(-1.5, 1.5) for _ in range(3))
-            )
-        )
+        rate = random_rate(generator)
+        target = random_target(generator, command.rotation)
         for _ in range(generator.randint(1, 60)):
             dt = period * generator.choice([1.0, 1.0, 1.0, 0.8, 1.0, 1.0, 2.0, 4.0, 20.0])
-            target = rotations.multiply_quaternions(
-                rotations.quaternion_from_vector(*rate * dt), target
-            )
+            target = turned(rate, dt, target)
             before = command.rotation
             broken = command.advance(target, dt)
             if broken:
-                least = np.linalg.norm(velocity) - limits.acceleration * dt
                 assert broken == 'jump'
-                assert least * dt > limits.jump * (1.0 - 1e-6)
+                check_no_step_is_possible(limits, velocity, dt)
                 assert command.rotation == before
                 command = command_limits.LimitedRotation(limits, before)
                 velocity = np.zeros(3)
                 continue
-            now = (
-                np.array(
-                    rotations.vector_from_quaternion(
-                        *rotations.multiply_quaternions(
-                            command.rotation, rotations.conjugate(before)
-                        )
-                    )
-                )
-                / dt
-            )
-            moved = moved or now.any()
-            assert np.linalg.norm(now) <= limits.speed * (1.0 + 1e-6) + 1e-9
-            assert np.linalg.norm(now) * dt <= limits.jump * (1.0 + 1e-6) + 1e-9
-            assert np.linalg.norm(now - velocity) <= limits.acceleration * dt * (1.0 + 1e-6) + 1e-7
-            velocity = now
-            assert sum(a * b for a, b in zip(before, command.rotation, strict=True)) > 0.0
+            last = velocity
+            velocity = velocity_between(before, command.rotation, dt)
+            moved = moved or velocity.any()
+            check_step(limits, last, velocity, dt)
+            assert np.dot(before, command.rotation) > 0.0
     assert moved
     if limits.acceleration > 10.0 and limits.speed > 1.0 and limits.jump > 0.1:
         # It arrives, and stands.

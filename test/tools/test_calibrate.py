@@ -93,43 +93,73 @@ def at(
     )
 
 
-@pytest.mark.parametrize('sensors', [4, 6])
-def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(
-    capsys,
-    tmp_path,
-    sensors,
-):
-    rig_file = tmp_path / 'rig.yaml'
-    output = tmp_path / 'calibration.yaml'
-    rig = mechanism() | (HARMONICS if sensors == 4 else {'sensors': 6})
-    rig_file.write_text(
-        '/**:\n  ros__parameters:\n'
-        + ''.join(f'    {name}: {value}\n' for name, value in rig.items())
-    )
-    first, second = (
-        record(tmp_path / f'{number}.log', pose, sensors) for number, pose in enumerate(POSES)
-    )
-    code, out, err = run(capsys, *at(first, output, POSES[0], '--params-file', rig_file))
+class JiggedRig:
+    """A rig that is recorded in two poses of a jig, and its calibration from both."""
+
+    def __init__(self, folder, sensors, capsys):
+        self.sensors = sensors
+        self.settings = mechanism() | (HARMONICS if sensors == 4 else {'sensors': 6})
+        self.output = folder / 'calibration.yaml'
+        self._capsys = capsys
+        self._settings_file = folder / 'rig.yaml'
+        lines = [f'    {name}: {value}\n' for name, value in self.settings.items()]
+        self._settings_file.write_text('/**:\n  ros__parameters:\n' + ''.join(lines))
+        self.logs = [
+            record(folder / f'{number}.log', pose, sensors) for number, pose in enumerate(POSES)
+        ]
+
+    def first(self):
+        """Calibrate from the first pose; return exit code, stdout and the last line of stderr."""
+        given = ('--params-file', self._settings_file)
+        return run(self._capsys, *at(self.logs[0], self.output, POSES[0], *given))
+
+    def second(self, *given):
+        """Complete it by the second pose; the mechanism is taken from the file of the first."""
+        return run(self._capsys, *at(self.logs[1], self.output, POSES[1], *given))
+
+    def completed(self):
+        """Return what is printed as the file is completed."""
+        assert self.first()[0] == 0
+        code, out, err = self.second('--force', '--jig-error', 0.1)
+        assert (code, err) == (0, '')
+        return out
+
+
+@pytest.fixture(params=[4, 6])
+def jigged(request, tmp_path, capsys):
+    """Return a rig of four sensors with harmonics, and one of six."""
+    return JiggedRig(tmp_path, request.param, capsys)
+
+
+def test_one_pose_gives_zeros_and_unverified_directions(jigged):
+    code, out, err = jigged.first()
     assert (code, err) == (0, '')
-    assert f'{output}: written' in out
-    assert out.count('direction +1 (NOT verified)') == sensors
+    assert f'{jigged.output}: written' in out
+    assert out.count('direction +1 (NOT verified)') == jigged.sensors
     assert 'The driver refuses directions that are not verified' in out
-    assert read_calibration(output).bias == pytest.approx([radians(0.05)] * sensors)
-    written = output.read_text()
-    code, out, err = run(capsys, *at(second, output, POSES[1]))
+    bias = read_calibration(jigged.output).bias
+    assert bias == pytest.approx([radians(0.05)] * jigged.sensors)
+
+
+def test_a_second_pose_needs_force_and_the_same_resolution(jigged):
+    jigged.first()
+    written = jigged.output.read_text()
+    code, _, err = jigged.second()
     assert code == 1
     assert 'already exists; expected --force' in err
-    scale = f'encoders.counts_per_turn:={[8192] * sensors}'
-    code, out, err = run(capsys, *at(second, output, POSES[1], '--force', '-p', scale))
+    other = [8192] * jigged.sensors
+    code, _, err = jigged.second('--force', '-p', f'encoders.counts_per_turn:={other}')
     assert code == 1
-    assert f'counts per turn, the encoders have {[8192] * sensors}' in err
-    assert output.read_text() == written
-    # The second run takes the mechanism from the file that it completes.
-    code, out, err = run(capsys, *at(second, output, POSES[1], '--force', '--jig-error', 0.1))
-    assert (code, err) == (0, '')
+    assert f'counts per turn, the encoders have {other}' in err
+    assert jigged.output.read_text() == written
+
+
+def test_two_poses_give_zeros_and_directions(jigged):
+    out = jigged.completed()
     assert 'overwritten (it held the calibration of' in out
-    found = read_calibration(output)
-    for index, sign in enumerate(DIRECTIONS[:sensors]):
+    assert 'The driver refuses' not in out
+    found = read_calibration(jigged.output)
+    for index, sign in enumerate(DIRECTIONS[: jigged.sensors]):
         sigma = degrees(found.sigma[index])
         bias = degrees(found.bias[index])
         assert 0.03 < sigma < 0.05
@@ -138,35 +168,34 @@ def test_two_poses_give_a_file_that_is_all_that_the_nodes_need(
             f': zero count {found.zero_count[index]}, sigma {sigma:.4f} deg, bias {bias:.4f} '
             f'deg, direction {sign:+d} (verified)\n' in out
         )
-    assert 'The driver refuses' not in out
     # Noise of a count, averaged over 400.
-    np.testing.assert_allclose(found.zero_count, ZEROS[:sensors], atol=1)
-    parameters = read_parameters(output)
-    for name, value in rig.items():
+    np.testing.assert_allclose(found.zero_count, ZEROS[: jigged.sensors], atol=1)
+
+
+def test_the_file_of_two_poses_is_all_that_the_nodes_need(jigged):
+    jigged.completed()
+    parameters = read_parameters(jigged.output)
+    for name, value in jigged.settings.items():
         assert parameters[name] == pytest.approx(value, abs=1e-12), name
-    assert not any(
-        'table' in name or name.endswith(('alpha_deg', 'working_mode')) for name in parameters
-    )
-    assert (
-        decoder_factory.unverified_joints(
-            values(
-                sensors=sensors,
-                **{
-                    name.replace('.', '__'): tuple(value)
-                    for name, value in parameters.items()
-                    if name.startswith('encoders')
-                },
-            )
-        )
-        == ()
-    )
-    # The file of a nominal rig has neither mechanism nor harmonics.
-    nominal = tmp_path / 'nominal.yaml'
-    assert run(capsys, *at(first, nominal, POSES[0], '-p', f'sensors:={sensors}'))[0] == 0
-    assert not any(
-        name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
-        for name in read_parameters(nominal)
-    )
+    needless = ('alpha_deg', 'working_mode')
+    assert not any('table' in name or name.endswith(needless) for name in parameters)
+    encoders = {
+        name.replace('.', '__'): tuple(value)
+        for name, value in parameters.items()
+        if name.startswith('encoders')
+    }
+    settings = values(sensors=jigged.sensors, **encoders)
+    assert decoder_factory.unverified_joints(settings) == ()
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_the_file_of_a_nominal_rig_has_neither_mechanism_nor_harmonics(sensors, capsys, tmp_path):
+    log = record(tmp_path / 'pose.log', POSES[0], sensors)
+    output = tmp_path / 'nominal.yaml'
+    code, _, _ = run(capsys, *at(log, output, POSES[0], '-p', f'sensors:={sensors}'))
+    assert code == 0
+    of_a_rig = ('geometry', 'encoders.harmonic', 'encoders.table')
+    assert not any(name.startswith(of_a_rig) for name in read_parameters(output))
 
 
 def test_a_live_device_is_asked_for_each_pose_and_the_driver_runs_on_the_file(

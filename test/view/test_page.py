@@ -177,7 +177,9 @@ def test_chips_have_a_sign_each_and_one_name():
     assert len({light.sign for light in Light}) == len(Light)
 
 
-def test_the_figures_of_encoders_clients_and_calibration():
+@pytest.fixture(scope='module')
+def rows():
+    """Return the rows of a device whose joint_1b does not answer."""
     entries = CLEAR | {
         'fkm: orientation': (
             DiagnosticStatus.OK,
@@ -201,7 +203,7 @@ def test_the_figures_of_encoders_clients_and_calibration():
             },
         ),
     }
-    rows = rows_of(
+    return rows_of(
         figures(
             entries,
             teleop='engaged',
@@ -212,36 +214,41 @@ def test_the_figures_of_encoders_clients_and_calibration():
             ages=(0.04, nan, 0.1, 0.2),
         )
     )
-    assert rows['slave'] == 'engaged'
-    assert rows['CRTK state'] == 'ENABLED'
-    assert rows['torque'] == '0.20 N m, rendered 0.10 N m'
-    assert rows['th1A read'] == '12.500\u00b0, 0.0 s ago'
-    assert rows['th1B read'] == DASH
-    assert rows['th1A device'] == 'counts 4711, serial 1001'
-    assert rows['th1B device'] == 'counts none yet, serial not read'
-    assert rows['th1C device'] == 'counts 17, no serial on this bus'
-    assert rows['th3A device'] == 'this source has neither counts nor serials'
-    assert rows['calibration'] == 'calibrated 2026-11-26'
-    assert rows['mechanism'] == 'e30770fb'
-    assert rows['alert limit'] == '2\u00b0'
-    assert rows['protection level'] == '0.50\u00b0 of 2\u00b0 allowed'
-    # One name for one sensor, wherever its joint is named.
-    assert rows['caution'] == 'th1C unchecked for 3 s'
-    assert rows['encoders'] == 'th1B: no answer'
-    # Without a device's news there are the same rows, with dashes.
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('slave', 'engaged'),
+        ('CRTK state', 'ENABLED'),
+        ('torque', '0.20 N m, rendered 0.10 N m'),
+        ('th1A read', '12.500\u00b0, 0.0 s ago'),
+        ('th1B read', DASH),
+        ('th1A device', 'counts 4711, serial 1001'),
+        ('th1B device', 'counts none yet, serial not read'),
+        ('th1C device', 'counts 17, no serial on this bus'),
+        ('th3A device', 'this source has neither counts nor serials'),
+        ('calibration', 'calibrated 2026-11-26'),
+        ('mechanism', 'e30770fb'),
+        ('alert limit', '2\u00b0'),
+        ('protection level', '0.50\u00b0 of 2\u00b0 allowed'),
+        # One name for one sensor, wherever its joint is named.
+        ('caution', 'th1C unchecked for 3 s'),
+        ('encoders', 'th1B: no answer'),
+    ],
+)
+def test_the_figures_of_encoders_clients_and_calibration(rows, name, words):
+    assert rows[name] == words
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['orientation', 'parity', 'slave', 'torque', 'th1A read', 'th1A device', 'rate', 'latency'],
+)
+def test_without_a_devices_news_there_are_the_same_rows_with_dashes(rows, name):
     nothing = rows_of(figures(**SILENT))
     assert nothing.keys() == rows.keys()
-    for name in (
-        'orientation',
-        'parity',
-        'slave',
-        'torque',
-        'th1A read',
-        'th1A device',
-        'rate',
-        'latency',
-    ):
-        assert nothing[name] == DASH
+    assert nothing[name] == DASH
 
 
 def test_the_plots_have_named_limits_and_the_sample_what_they_show():
