@@ -73,45 +73,37 @@ def held(node, keys):
     }
 
 
-def test_differences_are_listed_and_on_request_written_stored_and_verified(factory, run, channel):
-    """The simulated encoders refuse what is not written in the order of CiA 301."""
-    node = factory(
-        {
-            (0x1800, 5): Entry(10, 2),
-            (0x1801, 1): Entry(0x282),
-            (0x6000, 0): Entry(1, 2),
-            (0x6200, 0): Entry(10, 2),
-        }
-    )
-    expected = {
-        (0x1800, 1): 0x40000182,
-        (0x1800, 2): 1,
-        (0x1800, 5): 0,
-        (0x1A00, 0): 1,
-        (0x1A00, 1): 0x60040020,
-        (0x1801, 1): 0x80000282,
-        (0x1017, 0): 100,
-        # The direction of counting, bit 0, is left as it was.
-        (0x6000, 0): 5,
-        (0x6001, 0): 16384,
-        (0x6002, 0): 16384,
-        (0x6200, 0): 0,
-    }
-    before = held(node, expected)
-    outcomes = [run()]
-    assert held(node, expected) == before
-    with can.Bus(interface='virtual', channel=channel) as other:
-        outcomes.append(run('--write'))
-        frames = iter(lambda: other.recv(0.0), None)
-        # Its states (CiA 301): pre-operational, reset.
-        assert [
-            each.data.hex() for each in frames if each.arbitration_id == 0 and each.data[1] == 2
-        ] == ['8002', '8102']
-    assert held(node, expected) == expected
-    outcomes.append(run('--write'))
-    assert [(code, err) for code, _, err in outcomes] == [(1, ''), (0, ''), (0, '')]
-    compared, written, again = (out for _, out, _ in outcomes)
-    second = compared.partition('joint_1b, node 2: ')[2].partition('joint_1c')[0]
+# Objects of joint_1b that are not as wanted, besides those of every encoder from its maker.
+OTHERWISE = {
+    (0x1800, 5): Entry(10, 2),
+    (0x1801, 1): Entry(0x282),
+    (0x6000, 0): Entry(1, 2),
+    (0x6200, 0): Entry(10, 2),
+}
+# What is wanted of it. The direction of counting, bit 0 of 0x6000, is left as it was.
+WANTED = {
+    (0x1800, 1): 0x40000182,
+    (0x1800, 2): 1,
+    (0x1800, 5): 0,
+    (0x1A00, 0): 1,
+    (0x1A00, 1): 0x60040020,
+    (0x1801, 1): 0x80000282,
+    (0x1017, 0): 100,
+    (0x6000, 0): 5,
+    (0x6001, 0): 16384,
+    (0x6002, 0): 16384,
+    (0x6200, 0): 0,
+}
+ALL_AS_CONFIGURED = '4 of 4 encoders as configured, stored and read back after a reset\n'
+
+
+def test_differences_are_listed_and_nothing_is_written(factory, run):
+    node = factory(OTHERWISE)
+    before = held(node, WANTED)
+    code, out, err = run()
+    assert (code, err) == (1, '')
+    assert held(node, WANTED) == before
+    second = out.partition('joint_1b, node 2: ')[2].partition('joint_1c')[0]
     assert second.splitlines() == [
         'encoder 0x00010196, vendor 0x0, product 0x53504D, revision 0x10001, serial 0x2',
         '  0x1800:02 TPDO1 transmission type: 254, wanted 1',
@@ -126,12 +118,31 @@ def test_differences_are_listed_and_on_request_written_stored_and_verified(facto
         '  it has no 0x1802:01, 0x1803:01, and need not have',
         '  7 of 16 objects as configured',
     ]
-    ending = 'encoders as configured, stored and read back after a reset\n'
-    assert compared.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
-    assert written.endswith(f'4 of 4 {ending}')
-    assert '; 9 written\n' in written
-    assert again.endswith(f'4 of 4 {ending}')
-    assert 'wanted' not in again
+    assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
+
+
+def test_on_request_they_are_written_stored_and_verified(factory, run, channel):
+    """The simulated encoders refuse what is not written in the order of CiA 301."""
+    node = factory(OTHERWISE)
+    with can.Bus(interface='virtual', channel=channel) as other:
+        code, out, err = run('--write')
+        frames = list(iter(lambda: other.recv(0.0), None))
+    assert (code, err) == (0, '')
+    # The commands of its states (CiA 301) to node 2: pre-operational, reset.
+    commands = [frame.data.hex() for frame in frames if frame.arbitration_id == 0]
+    assert [each for each in commands if each.endswith('02')] == ['8002', '8102']
+    assert held(node, WANTED) == WANTED
+    assert out.endswith(ALL_AS_CONFIGURED)
+    assert '; 9 written\n' in out
+
+
+def test_once_written_nothing_is_wanted(factory, run):
+    factory(OTHERWISE)
+    run('--write')
+    code, out, err = run('--write')
+    assert (code, err) == (0, '')
+    assert out.endswith(ALL_AS_CONFIGURED)
+    assert 'wanted' not in out
 
 
 @pytest.mark.parametrize(

@@ -308,85 +308,79 @@ def test_a_capture_of_markers_is_refused(
     assert 'markers; expected the pose of a body' in capsys.readouterr().err
 
 
-def test_a_live_motion_is_kept_until_it_is_enough_and_can_be_used_again(
-    encoders,
-    channel,
-    tmp_path,
-    monkeypatch,
-    capsys,
-):
-    """At rest, so that it is refused afterwards; a program that is killed leaves the file."""
-    path = tmp_path / 'c_motion_2.log'
-    published = []
-    sets = []
-    (tmp_path / 'c_motion.log').write_text('mine')
+class LiveMotion:
+    """What a calibration from a live motion guides, publishes and keeps, of a device at rest."""
 
-    class Guide:
-        def __init__(self, layout):
-            self.errors = iter((None, 0.08, 0.04))
+    def __init__(self, folder, monkeypatch):
+        self.folder = folder
+        self.kept = folder / 'c_motion_2.log'
+        self.published = []
+        # Sets at each evaluation by the guide.
+        self.sets = []
+        self._errors = iter((None, 0.08, 0.04))
+        monkeypatch.setattr(calibrate_motion, 'Guide', lambda _: self)
+        monkeypatch.setattr('spm_haptic_master.nodes.guidance_publisher.published', self._topic)
+        monkeypatch.setattr(motion_source, 'record', partial(recording.record, period=0.1))
 
-        def evaluate(self, stamps, angles):
-            # All but what came last is in the file already.
-            sets.append(len(stamps))
-            assert path.read_text().count(' 080#') > len(stamps) - 10
-            error = next(self.errors)
-            return Guidance(
-                error=error and radians(error),
-                text='turn it',
-                covered={'joint_1a': 0.5},
-            )
+    def evaluate(self, stamps, angles):
+        """Return the guidance: the third one is that the motion is enough."""
+        self.sets.append(len(stamps))
+        # All but what came last is in the file already.
+        assert self.kept.read_text().count(' 080#') > len(stamps) - 10
+        error = next(self._errors)
+        return Guidance(
+            error=error and radians(error),
+            text='turn it',
+            covered={'joint_1a': 0.5},
+        )
 
     @contextmanager
-    def topic(remaps):
-        published.append(remaps)
-        yield lambda *state: published.append(state)
+    def _topic(self, remaps):
+        self.published.append(remaps)
+        yield lambda *state: self.published.append(state)
 
-    monkeypatch.setattr(calibrate_motion, 'Guide', Guide)
-    monkeypatch.setattr('spm_haptic_master.nodes.guidance_publisher.published', topic)
-    monkeypatch.setattr(motion_source, 'record', partial(recording.record, period=0.1))
+    def calibrate(self, channel):
+        """Calibrate on a bus; return the exit code."""
+        bus = ('-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}')
+        output = ('-o', self.folder / 'c.yaml')
+        return run(*bus, '-p', 'rate:=100.0', *output, '--ros-args', '-r', '__ns:=/a')
+
+    def calibrate_again(self):
+        """Calibrate from what was kept; return the exit code."""
+        replay = ('-p', 'source:=replay', '-p', f'replay.path:={self.kept}')
+        return run(*replay, '-p', 'rate:=100.0', '-o', self.folder / 'd.yaml')
+
+
+@pytest.fixture
+def live(tmp_path, monkeypatch):
+    (tmp_path / 'c_motion.log').write_text('mine')
+    return LiveMotion(tmp_path, monkeypatch)
+
+
+def test_a_live_motion_is_guided_until_it_is_enough(live, encoders, channel, capsys):
     with encoders(sync=0.01):
-        assert (
-            run(
-                '-p',
-                'can.interface:=virtual',
-                '-p',
-                f'can.channel:={channel}',
-                '-p',
-                'rate:=100.0',
-                '-o',
-                tmp_path / 'c.yaml',
-                '--ros-args',
-                '-r',
-                '__ns:=/a',
-            )
-            == 1
-        )
-    assert published[0] == ['__ns:=/a']
-    assert len(published) == 4
-    shares = [covered for _, covered in published[1:]]
-    assert shares == [
+        live.calibrate(channel)
+    remaps, *states = live.published
+    assert remaps == ['__ns:=/a']
+    assert [covered for _, covered in states] == [
         {'precision': pytest.approx(share), 'joint_1a': 0.5} for share in (0.0, 0.25, 1.0)
     ]
-    assert f' s, {sets[2]} sets: turn it' in published[3][0]
-    err = capsys.readouterr().err
-    assert 'calibrate: move the handle through its whole workspace' in err
-    assert f'the motion is kept in {path}; from it again: -p source:=replay' in err
-    assert (tmp_path / 'c_motion.log').read_text() == 'mine'
+    text, _ = states[-1]
+    assert f' s, {live.sets[2]} sets: turn it' in text
+    error = capsys.readouterr().err
+    assert 'calibrate: move the handle through its whole workspace' in error
+
+
+def test_a_live_motion_is_kept_and_can_be_used_again(live, encoders, channel, capsys):
+    """At rest, so that it is refused afterwards; a program that is killed leaves the file."""
     refused = re.compile(r'calibrate: (the motion lasts|joint_1a moved by|\d+ sets of four) .*')
-    assert refused.fullmatch(err.splitlines()[-1])
-    assert (
-        run(
-            '-p',
-            'source:=replay',
-            '-p',
-            f'replay.path:={path}',
-            '-p',
-            'rate:=100.0',
-            '-o',
-            tmp_path / 'd.yaml',
-        )
-        == 1
-    )
+    with encoders(sync=0.01):
+        assert live.calibrate(channel) == 1
+    error = capsys.readouterr().err
+    assert f'the motion is kept in {live.kept}; from it again: -p source:=replay' in error
+    assert (live.folder / 'c_motion.log').read_text() == 'mine'
+    assert refused.fullmatch(error.splitlines()[-1])
+    assert live.calibrate_again() == 1
     assert refused.fullmatch(capsys.readouterr().err.splitlines()[-1])
 
 
