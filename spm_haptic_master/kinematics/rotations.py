@@ -293,7 +293,11 @@ class AngularVelocity:
             return None
         times = [stamp - newest for stamp, _ in kept]
         mean = sum(times) / len(times)
-        spread = dx = dy = dz = dw = 0.0
+        spread = 0.0
+        dx = 0.0
+        dy = 0.0
+        dz = 0.0
+        dw = 0.0
         for time, (_, (qx, qy, qz, qw)) in zip(times, kept, strict=True):
             offset = time - mean
             spread += offset * offset

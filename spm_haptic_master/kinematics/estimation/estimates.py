@@ -49,7 +49,12 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import (
 )
 from spm_haptic_master.kinematics.estimation.normal_equations import State
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.joints import FEWEST_USED, NUMBER_WORDS, UsedSensors
+from spm_haptic_master.kinematics.joints import (
+    FEWEST_MOUNTED,
+    FEWEST_USED,
+    NUMBER_WORDS,
+    UsedSensors,
+)
 from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
 from spm_haptic_master.kinematics.number_backends import Array, FLOATS, Quaternion, SLICE
 from spm_haptic_master.kinematics.rotations import (
@@ -360,17 +365,19 @@ def estimate(
     if not batch:
         readings = (*active.tolist(), *[angle.item() for angle in passive])
         return _estimate_one(readings, sensors, geometry, last)
-    rows = np.stack(
-        [np.broadcast_to(angle, batch) for angle in (*np.moveaxis(active, -1, 0), *passive)],
-        axis=-1,
-    ).reshape(-1, len(sensors.sigma))
-    priors = None if last is None else np.broadcast_to(last, batch + (4,)).reshape(-1, 4)
+    angles = (*np.moveaxis(active, -1, 0), *passive)
+    columns = [np.broadcast_to(angle, batch) for angle in angles]
+    rows = np.stack(columns, axis=-1).reshape(-1, len(angles))
+    priors = None
+    if last is not None:
+        priors = np.broadcast_to(last, (*batch, 4)).reshape(-1, 4)
     result = _estimate_rows(rows, sensors, geometry, priors)
     return Estimate(
-        *(
-            getattr(result, name).reshape(batch + getattr(result, name).shape[1:])
-            for name in Estimate.__slots__
-        )
+        rotation=result.rotation.reshape(*batch, 3, 3),
+        covariance=result.covariance.reshape(*batch, 3, 3),
+        parity=result.parity.reshape(batch),
+        parity_vector=result.parity_vector.reshape(*batch, len(angles) - FEWEST_USED),
+        determined=result.determined.reshape(batch),
     )
 
 
@@ -397,29 +404,28 @@ def _estimate_rows(
     priors: Array | None,
 ) -> Estimate:
     """Estimate rows together where Case 2 starts them, and the others one by one."""
-    rotation, covariance, vector = map(
-        np.concatenate,
-        zip(
-            *(
-                fit_rows(readings[start : start + SLICE], sensors, g)
-                for start in range(0, max(len(readings), 1), SLICE)
-            ),
-            strict=True,
-        ),
-    )
-    parity = vector[:, 0].copy() if sensors.count == 4 else np.sqrt(np.sum(vector**2, axis=-1))
+    starts = range(0, max(len(readings), 1), SLICE)
+    slices = [fit_rows(readings[start : start + SLICE], sensors, g) for start in starts]
+    rotations, covariances, vectors = zip(*slices, strict=True)
+    rotation = np.concatenate(rotations)
+    covariance = np.concatenate(covariances)
+    vector = np.concatenate(vectors)
+    if sensors.count == FEWEST_MOUNTED:
+        parity = vector[:, 0].copy()
+    else:
+        parity = np.sqrt(np.sum(vector**2, axis=-1))
     result = Estimate(
-        rotation,
-        covariance,
-        parity,
-        vector,
-        np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_VARIANCE,
+        rotation=rotation,
+        covariance=covariance,
+        parity=parity,
+        parity_vector=vector,
+        determined=np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_VARIANCE,
     )
     for row in np.flatnonzero(np.isnan(rotation[:, 0, 0])):
+        own = tuple(readings[row].tolist())
+        prior = None if priors is None else priors[row]
         with suppress(SpmError):
-            single = _estimate_one(
-                tuple(readings[row].tolist()), sensors, g, None if priors is None else priors[row]
-            )
+            single = _estimate_one(own, sensors, g, prior)
             for name in Estimate.__slots__:
                 getattr(result, name)[row] = getattr(single, name)
     return result
@@ -440,11 +446,11 @@ def _estimate_one(
     )
     matrices = numbers[:18].reshape(2, 3, 3)
     return Estimate(
-        matrices[0],
-        matrices[1],
-        cast('Array', np.float64(sample.parity)),
-        numbers[18:],
-        cast('NDArray[np.bool_]', np.bool_(sample.determined)),
+        rotation=matrices[0],
+        covariance=matrices[1],
+        parity=cast('Array', np.float64(sample.parity)),
+        parity_vector=numbers[18:],
+        determined=cast('NDArray[np.bool_]', np.bool_(sample.determined)),
     )
 
 

@@ -133,7 +133,9 @@ class SampleEstimate:
     def parity_gains(self) -> tuple[tuple[float, ...], ...]:
         """Change of the parity vector with each of the N readings, 1 / rad."""
         _, changes = parities(self.rows, self.sensors, self.spread, FLOATS)
-        return tuple(zip(*changes, strict=True)) if changes else ((),) * len(self.rows)
+        if not changes:
+            return ((),) * len(self.rows)
+        return tuple(zip(*changes, strict=True))
 
 
 def fit(
@@ -164,7 +166,8 @@ def fit(
             if working_mode is not None:
                 _check_mode(state[1], volume_b, volume_c, sensors, working_mode, g)
             return _estimate_at(state, rows, sensors, spread, g)
-        state = _moved(state, step, min(1.0, LONGEST_STEP / max(map(abs, step))))
+        longest = max(map(abs, step))
+        state = _moved(state, step, min(1.0, LONGEST_STEP / longest))
         th1a, _, th3a, th1b, th1c = state
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')

@@ -113,8 +113,9 @@ def closed_leg(
     (c1, s1), (c2, s2), turn_3 = turns
     second_before, third, cos_beta = view
     carrier = g.legs[0]
+    carried = g.carried[place - 1]
     carrier_first = carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha
-    first = about_z(c2, -s2, turn_through_link(c1, -s1, g.carried[place - 1].first))
+    first = about_z(c2, -s2, turn_through_link(c1, -s1, carried.first))
     second = about_z(c2, -s2, second_before)
     # A turn of the platform about a unit axis changes Z2k . Z3k at the rate axis . (Z3k x Z2k).
     moment: Vector[N] = cross(third, second)
@@ -127,13 +128,14 @@ def closed_leg(
     if reading is None:
         return closure, NO_ROW
     # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
-    zero = turn_through_link(*turn_3, g.carried[place - 1].zero)
+    c3, s3 = turn_3
+    zero = turn_through_link(c3, s3, carried.zero)
     th3 = m.atan2(dot(zero, second), -dot(zero, moment))
     # A turn of the platform changes th3k at the rate axis . (Z2k x Z1k) / Z1k . (Z3k x Z2k).
     rate_1, rate_2, rate_3 = _rates(cross(second, first), reciprocal, carrier_first, carrier)
-    residual = (
-        m.remainder(reading - th3, TURN) + _rate_of_third(first, third, g.legs[place]) * left
-    )
+    # th3k follows th1k, which the closure corrects.
+    follows = _rate_of_third(first, third, g.legs[place]) * left
+    residual = m.remainder(reading - th3, TURN) + follows
     return closure, (residual, rate_1, rate_2, rate_3, weight)
 
 
@@ -174,8 +176,10 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
     That is the product of the diagonal (1 / rad^6): where the determinant is far smaller, the
     sensors do not measure every direction.
     """
-    (left_a, _, _, _, weight_a), row_b, row_c, (left_3, _, _, _, weight_3), *further = rows
+    row_a, row_b, row_c, row_3, *further = rows
     # th1A and th3A are coordinates themselves.
+    left_a, _, _, _, weight_a = row_a
+    left_3, _, _, _, weight_3 = row_3
     zero: N = 0.0
     n11 = zero + weight_a
     n12 = zero
@@ -206,12 +210,9 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
     e22 = n11 * n33 - n13 * n13
     e23 = n12 * n13 - n11 * n23
     e33 = n11 * n22 - n12 * n12
-    return (
-        (y1, y2, y3),
-        (e11, e12, e13, e22, e23, e33),
-        n11 * e11 + n12 * e12 + n13 * e13,
-        n11 * n22 * n33,
-    )
+    determinant = n11 * e11 + n12 * e12 + n13 * e13
+    diagonal = n11 * n22 * n33
+    return (y1, y2, y3), (e11, e12, e13, e22, e23, e33), determinant, diagonal
 
 
 def gauss_newton_step(
@@ -225,7 +226,7 @@ def gauss_newton_step(
 
     In the step th1B and th1C follow so that their legs close.
     """
-    (fb, b1, b2, b3, _), (fc, c1, c2, c3, _) = legs
+    (left_b, b1, b2, b3, _), (left_c, c1, c2, c3, _) = legs
     e11, e12, e13, e22, e23, e33 = entries
     y1, y2, y3 = right
     p11 = e11 / determinant
@@ -237,10 +238,9 @@ def gauss_newton_step(
     d1 = p11 * y1 + p12 * y2 + p13 * y3
     d2 = p12 * y1 + p22 * y2 + p23 * y3
     d3 = p13 * y1 + p23 * y2 + p33 * y3
-    return (
-        (d1, d2, d3, b1 * d1 + b2 * d2 + b3 * d3 - fb, c1 * d1 + c2 * d2 + c3 * d3 - fc),
-        (p11, p12, p13, p22, p23, p33),
-    )
+    db = b1 * d1 + b2 * d2 + b3 * d3 - left_b
+    dc = c1 * d1 + c2 * d2 + c3 * d3 - left_c
+    return (d1, d2, d3, db, dc), (p11, p12, p13, p22, p23, p33)
 
 
 def in_base_frame(

@@ -46,12 +46,13 @@ from spm_haptic_master.kinematics.leg_kernels import (
 )
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
+    conjugate,
     multiply_quaternions,
     quaternion_from_vector,
     rotation_distance,
     rotation_from_quaternion,
 )
-from spm_haptic_master.kinematics.vectors import about_x, dot, transposed_times
+from spm_haptic_master.kinematics.vectors import about_x, dot, times, transposed_times
 
 # Largest angle between two results of one solution (rad): where two solutions meet, noise of the
 # readings turns each further than this.
@@ -61,6 +62,7 @@ SAME_SOLUTION = 1e-4
 START_RESIDUAL = 0.1
 # Turn on either side of an orientation over which the curvature of the readings is taken (rad).
 CURVATURE_TURN = 0.03
+TURN = 2.0 * math.pi
 Readings = tuple[float | None, ...]
 
 
@@ -126,7 +128,8 @@ def all_solutions(
     """
     known = known_readings(readings, sensors)
     starts = possible_starts(known, geometry, START_RESIDUAL)
-    if not any(known[leg] is not None and known[3 + leg] is not None for leg in range(3)):
+    legs = zip(known[:3], known[3:], strict=True)
+    if not any(first is not None and third is not None for first, third in legs):
         starts = _one_reading_a_leg(known, geometry)
     found: list[SampleEstimate] = []
     for start in starts:
@@ -166,7 +169,8 @@ def _one_reading_a_leg(known: Readings, g: Geometry) -> Iterator[State[float]]:
     leg = g.legs[0]
     th1 = known[0]
     th3 = known[3]
-    (first,), (second,) = closures(known, 1, g), closures(known, 2, g)
+    (first,) = closures(known, 1, g)
+    (second,) = closures(known, 2, g)
 
     def equations(cosine: float, sine: float) -> tuple[Vector[float], Vector[float]]:
         """Return the turn equations, in the passive angle without a reading, at a th2A."""
@@ -281,13 +285,7 @@ def implied_fault(
     rotation = rotation_from_quaternion(*others.quaternion)
     angles = measured_angles(rotation, geometry, working_mode, 6)
     rows = _sensor_rows(rotation, angles, geometry)
-    cxx, cxy, cxz, _, cyy, cyz, _, _, czz = others.covariance
-    x, y, z = rows[sensor]
-    along = (
-        cxx * x + cxy * y + cxz * z,
-        cxy * x + cyy * y + cyz * z,
-        cxz * x + cyz * y + czz * z,
-    )
+    along = times(others.covariance, rows[sensor])
     sigma = used.sigma[sensor]
     moved = bias[sensor]
     square = 1.0
@@ -296,9 +294,9 @@ def implied_fault(
         moved += gain * bias[other]
         square += gain * gain
     return ImpliedFault(
-        math.remainder(reading - angles[sensor], 2.0 * math.pi),
-        math.sqrt(sigma * sigma + dot(rows[sensor], along)),
-        min(moved, parity_bias * math.sqrt(square)),
+        fault=math.remainder(reading - angles[sensor], TURN),
+        deviation=math.sqrt(sigma * sigma + dot(rows[sensor], along)),
+        bias=min(moved, parity_bias * math.sqrt(square)),
     )
 
 
@@ -334,30 +332,20 @@ def parity_curvature(
     quaternion = estimate.quaternion
     rotation = rotation_from_quaternion(*quaternion)
     angles = measured_angles(rotation, geometry, working_mode, 6)
-    x, y, z = _sensor_rows(rotation, angles, geometry)[sensor]
-    cxx, cxy, cxz, _, cyy, cyz, _, _, czz = estimate.covariance
-    gx = cxx * x + cxy * y + cxz * z
-    gy = cxy * x + cyy * y + cyz * z
-    gz = cxz * x + cyz * y + czz * z
+    row = _sensor_rows(rotation, angles, geometry)[sensor]
+    gx, gy, gz = times(estimate.covariance, row)
     scale = CURVATURE_TURN / math.hypot(gx, gy, gz)
+    turn = quaternion_from_vector(scale * gx, scale * gy, scale * gz)
+    ahead = multiply_quaternions(turn, quaternion)
+    behind = multiply_quaternions(conjugate(turn), quaternion)
+    angles_ahead = measured_angles(rotation_from_quaternion(*ahead), geometry, working_mode, 6)
+    angles_behind = measured_angles(rotation_from_quaternion(*behind), geometry, working_mode, 6)
+    gains = estimate.parity_gains
     bent = 0.0
-    turned = [
-        measured_angles(
-            rotation_from_quaternion(
-                *multiply_quaternions(
-                    quaternion_from_vector(sign * gx, sign * gy, sign * gz), quaternion
-                )
-            ),
-            geometry,
-            working_mode,
-            6,
-        )
-        for sign in (scale, -scale)
-    ]
     for place in estimate.sensors.used:
-        ahead = math.remainder(turned[0][place] - angles[place], 2.0 * math.pi)
-        behind = math.remainder(turned[1][place] - angles[place], 2.0 * math.pi)
-        bent += estimate.parity_gains[place][0] * (ahead + behind)
+        change_ahead = math.remainder(angles_ahead[place] - angles[place], TURN)
+        change_behind = math.remainder(angles_behind[place] - angles[place], TURN)
+        bent += gains[place][0] * (change_ahead + change_behind)
     return 0.5 * bent / (CURVATURE_TURN * CURVATURE_TURN)
 
 
