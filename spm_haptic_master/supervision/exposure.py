@@ -54,7 +54,7 @@ class Sight:
         # Stamp (ns) and number of the first consistent sample since which each is so.
         self._visible: list[tuple[int, int] | None] = [None] * self._sensors
 
-    def take(
+    def note_parts(
         self,
         stamp: int,
         parts: list[float],
@@ -131,7 +131,7 @@ class Exposure:
         self._checks.interrupt()
         self._sights.interrupt()
 
-    def take(
+    def note_consistent(
         self,
         stamp: int,
         parts: list[float],
@@ -163,13 +163,13 @@ class Exposure:
             self._began = stamp
             if self._first is None:
                 self._first = stamp
-        self.hidden = self._checks.take(stamp, parts, limit)
+        self.hidden = self._checks.note_parts(stamp, parts, limit)
         for part in parts:
             if level < part <= limit:
                 level = part
         return level
 
-    def take_after_fault(
+    def note_after_fault(
         self,
         stamp: int,
         parts: list[float],
@@ -181,7 +181,7 @@ class Exposure:
         A fault ends when its suspects are as before it: a rival that was declared then does not
         count.
         """
-        self._sights.take(stamp, parts, limit)
+        self._sights.note_parts(stamp, parts, limit)
 
     def has_seen(self, sensor: int, stamp: int) -> bool:
         """Whether the others have seen, after a stamp (ns), that a sensor is as before a fault."""

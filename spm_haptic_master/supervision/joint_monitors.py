@@ -72,7 +72,7 @@ class JointMonitors:
         self._disturbed = [0] * len(sigma)
         self._vibrates = False
 
-    def check(
+    def follow(
         self,
         angles: Angles,
         dt: float,

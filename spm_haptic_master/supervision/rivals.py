@@ -165,7 +165,7 @@ class Rivals:
         The latest consistent orientation; None before the first.
     unseen : dict of int to float
         By sensor, the least step of it, rad, that the parity may not show at the latest sample
-        that `look` followed; it shows any step of another sensor in use.
+        that `follow` took; it shows any step of another sensor in use.
 
     """
 
@@ -194,7 +194,7 @@ class Rivals:
         self._used: tuple[int, ...] = ()
         self._folds.restart()
 
-    def look(
+    def follow(
         self,
         sample: Sample,
         used: SensorSet,
@@ -655,7 +655,7 @@ class Rivals:
         """
         Return the parts without the rivals from before a stamp, ns, in rad.
 
-        They are those of the latest sample that `look` followed with four or more sensors in use.
+        They are those of the latest sample that `follow` took with four or more sensors in use.
         Lost hypotheses still count: their part is infinite.
         """
         parts = list(self._parts)

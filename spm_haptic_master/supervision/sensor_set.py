@@ -300,7 +300,7 @@ class SensorSet:
         """Forget the samples of the window; `estimate` and `worth` stay until the next sample."""
         self._window.restart()
 
-    def take(self, sample: Sample) -> Symptom | None:
+    def solve(self, sample: Sample) -> Symptom | None:
         """
         Solve a sample; return what contradicts it. Sensors that are not in use are ignored.
 

@@ -162,7 +162,7 @@ class Supervisor:
         hidden_jumps = self._jumps_in_gap(tick) if is_gap else []
         readings = within_reach(angles)
         cause = self._too_few(readings, angles)
-        is_away, symptoms = self.joints.check(
+        is_away, symptoms = self.joints.follow(
             readings,
             tick.elapsed,
             clock.period or tick.elapsed,
@@ -268,7 +268,7 @@ class Supervisor:
         orientation, or one that does not continue the last, are undetermined rather than a fault.
         """
         used = self._sensors.used
-        symptom = used.take(sample)
+        symptom = used.solve(sample)
         if used.estimate is not None:
             self.parity = used.estimate.parity
         if symptom is None:
@@ -306,7 +306,7 @@ class Supervisor:
         if symptom is None and estimate.determined:
             if self.latch.fault is not None:
                 self._sensors.try_others(sample, self._rivals.place_without, self._fresh)
-            self.parts = self._rivals.look(sample, used, estimate, self.alert_limit, self._fresh)
+            self.parts = self._rivals.follow(sample, used, estimate, self.alert_limit, self._fresh)
         return symptom
 
     def _jumps(self, is_gap: bool, any_step: bool) -> list[Symptom]:
@@ -391,7 +391,7 @@ class Supervisor:
         if estimate is None or used.worth is None:
             return self._withhold(withheld(Reason.UNDETERMINED, 'no orientation'))
         self._rivals.accept(sample, estimate)
-        self.parts = self._rivals.look(sample, used, estimate, self.alert_limit, self._fresh)
+        self.parts = self._rivals.follow(sample, used, estimate, self.alert_limit, self._fresh)
         return self._consistent(sample, tick)
 
     def _consistent(self, sample: Sample, tick: Tick) -> Verdict:
@@ -407,7 +407,7 @@ class Supervisor:
             return self._undetermine(sample)
         quaternion = self._continue(sample, estimate, worth.deviation)
         stamp = sample.stamp
-        level = self._exposure.take(stamp, self.parts, self.alert_limit, worth.healthy)
+        level = self._exposure.note_consistent(stamp, self.parts, self.alert_limit, worth.healthy)
         symptom = self._watch_left_out(sample, quaternion)
         if symptom is not None:
             return self._bad(sample, tick, [symptom])
@@ -463,7 +463,7 @@ class Supervisor:
         here = Place(sample.stamp, quaternion)
         if has_fault:
             parts = self._rivals.parts_since(here, self.latch.onset)
-            self._exposure.take_after_fault(sample.stamp, parts, self.alert_limit)
+            self._exposure.note_after_fault(sample.stamp, parts, self.alert_limit)
         return self._sensors.readmit(sample, here, self.alert_limit) if has_left_out else None
 
     def _publish(

@@ -93,7 +93,7 @@ class Trial:
             prior=place.quaternion if place is not None and recent else None,
             followed=None if place is None else place.stamp,
         )
-        agrees = self.set.take(own) is None and self._continues(own, speed)
+        agrees = self.set.solve(own) is None and self._continues(own, speed)
         if not agrees:
             self._since = None
             self._samples = 0

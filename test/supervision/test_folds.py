@@ -41,7 +41,7 @@ def judged(sensor_set, quaternion, stamp):
         parity_bias=LIMITS.parity_bias,
         period=0.0005,
     )
-    sensor_set.take(sample)
+    sensor_set.solve(sample)
     return sensor_set.estimate, sensor_set.worth
 
 

@@ -220,7 +220,7 @@ def test_a_fast_joint_may_be_off_by_what_the_jitter_of_the_stamps_explains(jitte
     period = 0.001
     for number in range(100):
         angles = place + velocity * period * number
-        supervisor.joints.check(tuple(angles.tolist()), period, period, 0.0, ())
+        supervisor.joints.follow(tuple(angles.tolist()), period, period, 0.0, ())
     ahead = place + velocity * (period * 100 + 0.003)
-    found, _ = supervisor.joints.check(tuple(ahead.tolist()), period, period, jitter, ())
+    found, _ = supervisor.joints.follow(tuple(ahead.tolist()), period, period, jitter, ())
     assert found == away

@@ -166,7 +166,7 @@ def test_a_sample_that_is_not_determined_is_no_clean_one_of_the_start():
     rig = Rig(pose=(0.0, 0.0, 20.0), healthy=False)
     rig.samples(2)
     clean = rig.supervisor.latch.clean
-    rig.supervisor._sensors.used.take = lambda sample: None
+    rig.supervisor._sensors.used.solve = lambda sample: None
     rig.supervisor._sensors.used.estimate = None
     rig.samples(1)
     assert rig.supervisor.latch.clean == clean
@@ -181,7 +181,7 @@ def test_a_window_of_checks_is_as_many_samples_as_that_of_the_parity(period):
     exposure = Exposure(4, 0.02)
     for sample in range(12):
         stamp = SECOND + sample * period
-        exposure.take(stamp, [0.001] * 4, 0.01, 0.001)
+        exposure.note_consistent(stamp, [0.001] * 4, 0.01, 0.001)
         is_checked = exposure.times(stamp) == (0.0,) * 4
         assert is_checked == (sample + 1 >= WINDOW_SAMPLES)
 
