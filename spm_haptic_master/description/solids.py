@@ -315,30 +315,35 @@ def solids(geometry: Geometry) -> dict[str, Solid]:
 
 def _base(geometry: Geometry) -> Solid:
     """Return the base: the three motors, and bars between them."""
-    axes = np.array(geometry.base_axes)
-    parts = []
-    for axis in axes:
-        motor = cylinder(MOTOR)
-        parts.append(motor.turned(onto(axis)))
-    for k in range(3):
-        following = axes[(k + 1) % 3]
-        parts.append(_arc_between(axes[k], following, BASE))
-    return together(*parts)
+    first, second, third = np.array(geometry.base_axes)
+    motor = cylinder(MOTOR)
+    return together(
+        motor.turned(onto(first)),
+        motor.turned(onto(second)),
+        motor.turned(onto(third)),
+        _arc_between(first, second, BASE),
+        _arc_between(second, third, BASE),
+        _arc_between(third, first, BASE),
+    )
 
 
 def _platform(geometry: Geometry) -> Solid:
     """Return the platform: a disc at each Z3k, bars from them to Z_E, and the handle."""
-    ends = np.array(geometry.platform_axes)
-    parts = []
-    for axis in ends:
-        disc = cylinder(PLATFORM_AT_3)
-        parts.append(disc.turned(onto(axis)))
+    first, second, third = np.array(geometry.platform_axes)
     handle_axis = np.array([0.0, 0.0, 1.0])
-    for axis in ends:
-        parts.append(_arc_between(handle_axis, axis, PLATFORM))
-    handle = [(SIZE * radius, SIZE * height) for radius, height in HANDLE]
-    parts.append(turned_profile(handle))
-    return together(*parts)
+    disc = cylinder(PLATFORM_AT_3)
+    handle = []
+    for radius, height in HANDLE:
+        handle.append((SIZE * radius, SIZE * height))
+    return together(
+        disc.turned(onto(first)),
+        disc.turned(onto(second)),
+        disc.turned(onto(third)),
+        _arc_between(handle_axis, first, PLATFORM),
+        _arc_between(handle_axis, second, PLATFORM),
+        _arc_between(handle_axis, third, PLATFORM),
+        turned_profile(handle),
+    )
 
 
 def masses(geometry: Geometry) -> dict[str, MassProperties]:
@@ -392,7 +397,8 @@ def onto(axes: Sequence[object] | NDArray[np.float64]) -> NDArray[np.float64]:
     x = np.cross(far, z)
     squared_length = x[..., None, :] @ x[..., None]
     x /= np.sqrt(squared_length)[..., 0]
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    y = np.cross(z, x)
+    return np.stack([x, y, z], axis=-1)
 
 
 def together(*solids: Solid) -> Solid:
@@ -456,7 +462,8 @@ def turned_profile(profile: Sequence[tuple[float, float]]) -> Solid:
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
     cosines = np.cos(turn)
     sines = np.sin(turn)
-    circle = np.stack([cosines, sines, np.zeros(TURN_POINTS)], axis=1)
+    flat = np.zeros(TURN_POINTS)
+    circle = np.stack([cosines, sines, flat], axis=1)
     rings = []
     for radius, height in profile:
         rings.append(radius * circle + (0.0, 0.0, height))
@@ -494,8 +501,12 @@ def _link(
         [0.0, c, -s],
         [0.0, s, c],
     ]
-    there = cylinder(second).turned(np.array(about_x))
-    return together(_arc_bar(angle, bar), cylinder(first), there)
+    there = cylinder(second)
+    return together(
+        _arc_bar(angle, bar),
+        cylinder(first),
+        there.turned(np.array(about_x)),
+    )
 
 
 def _arc_between(
@@ -558,7 +569,9 @@ def _arc_bar(angle: float, bar: Bar) -> Solid:
         ring = []
         for across, along in section:
             distance = radius + along
-            ring.append((across, -distance * sin(t), distance * cos(t)))
+            y = -distance * sin(t)
+            z = distance * cos(t)
+            ring.append((across, y, z))
         rings.append(np.array(ring))
     return _tube(rings)
 
@@ -581,11 +594,12 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
     count = len(rings)
     n = len(rings[0])
     numbers = np.arange(count * n).reshape(count, n)
+    following = np.roll(numbers, -1, axis=1)
     # Corners of each side's two triangles: here and there on a ring, and on the next one.
     here = numbers[:-1]
-    there = np.roll(numbers, -1, axis=1)[:-1]
+    there = following[:-1]
     next_here = numbers[1:]
-    next_there = np.roll(numbers, -1, axis=1)[1:]
+    next_there = following[1:]
     one_half = np.stack((here, there, next_there), axis=2)
     other_half = np.stack((here, next_there, next_here), axis=2)
     sides = np.stack([one_half, other_half], axis=1)
@@ -593,13 +607,11 @@ def _tube(rings: list[NDArray[np.float64]]) -> Solid:
     last_middle = np.full(n, count * n + 1)
     below = np.stack((first_middle, there[0], here[0]), axis=1)
     above = np.stack((last_middle, next_here[-1], next_there[-1]), axis=1)
-    middles = [
-        rings[0].mean(axis=0)[None],
-        rings[-1].mean(axis=0)[None],
-    ]
+    middle_below = rings[0].mean(axis=0)
+    middle_above = rings[-1].mean(axis=0)
     triangles = np.concatenate([sides.reshape(-1, 3), below, above])
     return Solid(
-        vertices=np.concatenate([*rings, *middles]),
+        vertices=np.concatenate([*rings, [middle_below, middle_above]]),
         triangles=triangles.astype(np.int32),
     )
 

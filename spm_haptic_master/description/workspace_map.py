@@ -119,7 +119,8 @@ class WorkspaceMap:
             rays=RAYS,
             circles=CIRCLES,
         )
-        share = found.here_value / (found.here_value - found.there_value)
+        difference = found.here_value - found.there_value
+        share = found.here_value / difference
         tilts, azimuths = (1.0 - share) * found.here + share * found.there
         poses = kinematics.workspace_pose(tilts, azimuths, phi)
         axes: NDArray[np.float64] = poses[..., 2]

@@ -249,9 +249,8 @@ class Diagnostics(ParameterNode):
             if name in state.left_out:
                 left_out.append(index)
         self._left_out = tuple(left_out)
-        self._unknown_state = ''
-        if not read_state(message.data):
-            self._unknown_state = state.text
+        is_known = read_state(message.data) is not None
+        self._unknown_state = '' if is_known else state.text
 
     def take(
         self,
