@@ -12,10 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
 
 from spm_haptic_master.force.statics import Torques
-from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 
 
@@ -86,7 +84,8 @@ FADE = 0.015
 DRIVE_FADE = 0.003
 
 
-class ForceState(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class ForceState:
     """State of the force feedback, and why."""
 
     condition: Condition
@@ -135,7 +134,8 @@ class Drives(Enum):
     FAULT = 'fault'
 
 
-class Wrench(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Wrench:
     """The torque that the hand is to feel, as it arrived."""
 
     received: int  # time of its arrival, ns, on the clock of the samples; each has its own
@@ -191,6 +191,5 @@ class Command:
     wrench: Vector[float] | None
 
 
-# A stamp before every sample (ns), and the stand-in for a missing wrench.
+# A stamp before every sample (ns).
 LONG_AGO = -1 << 100
-NO_WRENCH = Wrench(LONG_AGO, NOTHING)

@@ -331,7 +331,7 @@ class Play:
         arrived = self._slave.take(step, self._turned(self._followed))
         if within(time, NO_WRENCH) or within(time, END_STOP):
             return
-        self._wrench = arrived and arrived._replace(received=arrived.received + PERIOD)
+        self._wrench = arrived and replace(arrived, received=arrived.received + PERIOD)
 
     def _move(self, angle: float, in_force: tuple[float, ...]) -> None:
         """Move the hand to an angle, rad, and run the plant."""

@@ -3,6 +3,7 @@
 
 """When force begins, goes on and ends, what it renders, and no torque in other states."""
 
+from dataclasses import replace
 import math
 import random
 
@@ -157,7 +158,7 @@ def test_a_message_that_repeats_is_not_three_small_ones():
     first = bench.wrench
     bench.torque = None
     for _ in range(200):
-        bench.wrench = first._replace(received=first.received)
+        bench.wrench = replace(first, received=first.received)
         bench.step()
     assert Condition.ENGAGED not in {output.state.condition for output in bench.outputs}
 
