@@ -251,42 +251,30 @@ def in_base_frame(
     m: Backend[N],
 ) -> tuple[Rotation[N], Motions[N]]:
     """Covariance of the rotation error in the base frame, and with errors of th1A, th2A, th3A."""
-    # The platform turns about Z1A, Z2A and Z3A.
-    first = g.legs[0].first
-    second, third = passive_axes(m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a), g)
+    cosine_1 = m.cos(th1a)
+    sine_1 = m.sin(th1a)
+    # The platform turns about Z1A, Z2A and Z3A: u, v and w.
+    ux, uy, uz = g.legs[0].first
+    (vx, vy, vz), (wx, wy, wz) = passive_axes(cosine_1, sine_1, m.cos(th2a), m.sin(th2a), g)
     p11, p12, p13, p22, p23, p33 = covariance
-    motion_1 = _combined(first, second, third, (p11, p12, p13))
-    motion_2 = _combined(first, second, third, (p12, p22, p23))
-    motion_3 = _combined(first, second, third, (p13, p23, p33))
-    # The rows of the axes times the motions; the product is symmetrical.
-    ux, uy, uz = first
-    vx, vy, vz = second
-    wx, wy, wz = third
-    ax, ay, az = motion_1
-    bx, by, bz = motion_2
-    cx, cy, cz = motion_3
+    ax = ux * p11 + vx * p12 + wx * p13
+    ay = uy * p11 + vy * p12 + wy * p13
+    az = uz * p11 + vz * p12 + wz * p13
+    bx = ux * p12 + vx * p22 + wx * p23
+    by = uy * p12 + vy * p22 + wy * p23
+    bz = uz * p12 + vz * p22 + wz * p23
+    cx = ux * p13 + vx * p23 + wx * p33
+    cy = uy * p13 + vy * p23 + wy * p33
+    cz = uz * p13 + vz * p23 + wz * p33
+    # The axes times the motions a, b and c; the product is symmetrical.
     xx = ux * ax + vx * bx + wx * cx
     xy = uy * ax + vy * bx + wy * cx
     xz = uz * ax + vz * bx + wz * cx
     yy = uy * ay + vy * by + wy * cy
     yz = uz * ay + vz * by + wz * cy
     zz = uz * az + vz * bz + wz * cz
-    return (xx, xy, xz, xy, yy, yz, xz, yz, zz), (motion_1, motion_2, motion_3)
-
-
-def _combined(
-    u: Vector[N],
-    v: Vector[N],
-    w: Vector[N],
-    factors: Vector[N],
-) -> Vector[N]:
-    """Return the combination of three vectors by three factors."""
-    p, q, r = factors
-    return (
-        u[0] * p + v[0] * q + w[0] * r,
-        u[1] * p + v[1] * q + w[1] * r,
-        u[2] * p + v[2] * q + w[2] * r,
-    )
+    motions = (ax, ay, az), (bx, by, bz), (cx, cy, cz)
+    return (xx, xy, xz, xy, yy, yz, xz, yz, zz), motions
 
 
 def parities(
