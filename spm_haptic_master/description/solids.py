@@ -292,10 +292,7 @@ def solids(geometry: Geometry) -> dict[str, Solid]:
         `base`, `proximal_K`, `distal_K` (K: a, b, c) and `platform`.
 
     """
-    named = {
-        'base': _base(geometry),
-        'platform': _platform(geometry),
-    }
+    named = {'base': _base(geometry)}
     for name, alpha in zip(LEGS, geometry.alphas, strict=True):
         named[f'proximal_{name}'] = _link(
             angle=alpha,
@@ -310,6 +307,7 @@ def solids(geometry: Geometry) -> dict[str, Solid]:
             first=DISTAL_AT_2,
             second=DISTAL_AT_3,
         )
+    named['platform'] = _platform(geometry)
     return named
 
 

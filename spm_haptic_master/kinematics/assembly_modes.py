@@ -212,10 +212,12 @@ def eliminant_roots(equations: TurnEquations) -> list[float] | None:
     size = 0.0
     for angle in SAMPLE_ANGLES:
         cosine = math.cos(angle)
-        first, second = equations(cosine, math.sin(angle))
+        sine = math.sin(angle)
+        first, second = equations(cosine, sine)
         samples.append(eliminant(first, second))
-        sizes = math.hypot(*first) ** 2 * math.hypot(*second) ** 2
-        size = max(size, sizes)
+        first_size = math.hypot(*first)
+        second_size = math.hypot(*second)
+        size = max(size, first_size**2 * second_size**2)
     largest = max(range(SAMPLES), key=lambda j: abs(samples[j]))
     if abs(samples[largest]) <= SELF_MOTION * size:
         return None
@@ -226,7 +228,8 @@ def eliminant_roots(equations: TurnEquations) -> list[float] | None:
     found = []
     for t in np.roots(coefficients[::-1]).tolist():
         # Of a pair of conjugate roots, one is enough.
-        if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2):
+        largest_part = NEAR_REAL * (1.0 + abs(t) ** 2)
+        if 0.0 <= t.imag <= largest_part:
             half = math.atan(t.real)
             found.append(infinity + math.pi + 2.0 * half)
     return found

@@ -339,9 +339,10 @@ class Geometry:
         half_difference = 0.5 * (betas[0] - alphas[0])
         half_total = 0.5 * (alphas[0] + betas[0])
         columns = []
+        from_platform = conjugate(in_platform[0])
         for unit in UNIT_QUATERNIONS:
             turned = multiply_quaternions(in_base[0], unit)
-            columns.append(multiply_quaternions(turned, conjugate(in_platform[0])))
+            columns.append(multiply_quaternions(turned, from_platform))
         chain: list[float] = []
         for row in range(4):
             chain += [column[row] for column in columns]

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import cast, TypeAlias
 
@@ -283,18 +283,23 @@ def jacobian(
         most=6,
     )
     vectors, volumes = _velocity_rows_of(matrices, geometry, working_mode)
-    stacked = [np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors]
-    rows = np.stack(stacked, axis=-2)
-    diagonal = np.stack(np.broadcast_arrays(*volumes), axis=-1)
-    boundary = np.any(np.abs(diagonal) < MODE_BOUNDARY, axis=-1)
+    rows = np.stack([_stacked(row) for row in vectors], axis=-2)
+    diagonal = _stacked(volumes)
+    is_small = np.abs(diagonal) < MODE_BOUNDARY
+    boundary = np.any(is_small, axis=-1)
     if matrices.ndim == 2 and boundary:
         raise SingularityError(
             f'R = {matrices.tolist()} lies on the boundary of its working mode: '
             f'B_kk = {diagonal[:3].tolist()}, expected {MODE_BOUNDARY:g} or more in size'
         )
     diagonal = np.where(boundary[..., None], np.nan, diagonal)
-    G: Array = (rows / diagonal[..., None])[..., :sensors, :]
-    return G
+    every: Array = rows / diagonal[..., None]
+    return every[..., :sensors, :]
+
+
+def _stacked(numbers: Iterable[Batch]) -> Array:
+    """Return the numbers of batches as one array; they are its last axis."""
+    return np.stack(np.broadcast_arrays(*numbers), axis=-1)
 
 
 def parallel_determinant(

@@ -95,10 +95,12 @@ def workspace_pose(
     along_0 = np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
     along_90 = np.sin(azimuths)[..., None] * TILT_DIRECTIONS[1]
     direction = along_0 + along_90
-    axis = np.cos(tilts)[..., None] * CONE_AXIS + np.sin(tilts)[..., None] * direction
-    x, y, z = np.moveaxis(axis, -1, 0)
+    upright = np.cos(tilts)[..., None] * CONE_AXIS
+    tilted = np.sin(tilts)[..., None] * direction
+    x, y, z = np.moveaxis(upright + tilted, -1, 0)
+    across = np.hypot(x, y)
     psi = np.arctan2(x, -y)
-    theta = np.arctan2(np.hypot(x, y), z)
+    theta = np.arctan2(across, z)
     return matrix_from_zxz(psi, theta, phi)
 
 
@@ -138,7 +140,8 @@ def singularity_locus(
     """
     angle = check_angles('phi', phi, ())
     half = check_angles('half_angle', half_angle, ())
-    if angle.ndim or half.ndim or not 0.0 < half <= math.pi:
+    is_single = not angle.ndim and not half.ndim
+    if not is_single or not 0.0 < half <= math.pi:
         raise InputError(
             f'phi = {quoted(phi)}, half_angle = {quoted(half_angle)}: expected one '
             'angle each in rad, and half_angle in ]0, pi]'
@@ -209,10 +212,15 @@ def changes_of_sign(
     tilts = np.linspace(0.0, half_angle, circles + 1)
     azimuths = 2.0 * math.pi * np.arange(rays + 1) / rays
     points = np.stack(np.meshgrid(tilts, azimuths))
-    table = np.concatenate([points, function(points)[None]])
-    # Neighbours along each ray, then on each circle.
-    one = _joined(table[:, :-1, :-1], table[:, :-1, 1:])
-    other = _joined(table[:, :-1, 1:], table[:, 1:, 1:])
+    values = function(points)
+    table = np.concatenate([points, values[None]])
+    # Neighbours along each ray: the next one is on the next circle; then on each circle: the next
+    # one is on the next ray.
+    inner = table[:, :-1, :-1]
+    outer = table[:, :-1, 1:]
+    on_next_ray = table[:, 1:, 1:]
+    one = _joined(inner, outer)
+    other = _joined(outer, on_next_ray)
     changed = one[2] * other[2] < 0.0
     one = one[:, changed]
     other = other[:, changed]
@@ -292,17 +300,22 @@ def determinant_gradient(
     gradient = 0.0, 0.0, 0.0
     for k, leg in enumerate(g.legs):
         second = second_axis(FLOATS.cos(th1[k]), FLOATS.sin(th1[k]), leg)
-        cofactor = cross(rows[(k + 1) % 3], rows[(k + 2) % 3])
+        next_row = rows[(k + 1) % 3]
+        last_row = rows[(k + 2) % 3]
+        cofactor = cross(next_row, last_row)
         # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, where
         # th1k' = row . omega / B_kk.
-        rate = dot(cross(cross(leg.first, second), thirds[k]), cofactor) / diagonal[k]
+        motion = cross(leg.first, second)
+        change = cross(motion, thirds[k])
+        rate = dot(change, cofactor) / diagonal[k]
         along_second = dot(thirds[k], cofactor)
         gx, gy, gz = (
             so_far + rate * row + leg.cos_beta * y - along_second * z
             for so_far, row, y, z in zip(gradient, rows[k], cofactor, second, strict=True)
         )
         gradient = gx, gy, gz
-    return dot(rows[0], cross(rows[1], rows[2])), gradient
+    row_a, row_b, row_c = rows[:3]
+    return dot(row_a, cross(row_b, row_c)), gradient
 
 
 def nearness(
