@@ -263,12 +263,12 @@ class ForceController:
         dt: float,
     ) -> None:
         """Change the state where a sample asks for it."""
-        condition = self._state.condition
-        if condition is Condition.OFF:
+        if self._state is OFF:
             self._leave_off(sample, dt)
-        elif condition is Condition.READY:
+        elif self._state is READY:
             self._leave_ready(sample, obstacle)
-        elif condition is Condition.FADING or condition is Condition.FAULT:
+        elif self._state.why is not None:
+            # Torque fades, or a fault is latched.
             self._worsen(obstacle)
         elif obstacle is not None:
             self._enter(ForceState(Condition.FADING, obstacle))
@@ -321,9 +321,9 @@ class ForceController:
         self._obstacles.restart()
         self._handle.restart_wrench()
         self._idle = 0.0
-        if state.condition is Condition.FADING:
+        if state.is_fading:
             is_worse = state.why in ENDS_ALL and before.why not in ENDS_ALL
-            if before.condition is not Condition.FADING or is_worse:
+            if not before.is_fading or is_worse:
                 self._fade_left = 1.0
                 self._fade_start = self._last.motor_torque
                 self._handle.begin_fade()
@@ -341,9 +341,9 @@ class ForceController:
 
         `is_sound` is whether orientation and motors may be relied on.
         """
-        if self._state.condition is Condition.FADING:
+        if self._state.is_fading:
             self._fade(dt)
-        if self._state.condition is Condition.FADING and self._state.why in ENDS_ALL:
+        if self._state.is_fading and self._state.why in ENDS_ALL:
             self._support.end()
             return Command(self._faded(), NOTHING, NOTHING), None
         if self._state is OFF or not is_sound:
@@ -386,7 +386,7 @@ class ForceController:
     @property
     def _left(self) -> float:
         """Share (unit 1) that a fade has left of the torque; 1 where there is none."""
-        return self._fade_left if self._state.condition is Condition.FADING else 1.0
+        return self._fade_left if self._state.is_fading else 1.0
 
     def _fade(self, dt: float) -> None:
         """Take a step of the fade; end it when nothing is left."""

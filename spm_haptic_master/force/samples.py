@@ -98,6 +98,11 @@ class ForceState:
         return word if self.why is None else f'{word}: {self.why.value}'
 
     @property
+    def is_fading(self) -> bool:
+        """Whether torque fades out: it does so for a reason."""
+        return self.why is not None and self.condition is Condition.FADING
+
+    @property
     def has_support(self) -> bool:
         """Whether weight and end stop are borne."""
         if self.why is None:
