@@ -94,6 +94,7 @@ def test_a_declared_sensor_is_held_to_its_bound(monkeypatch):
     assert found.bound > 1.0
 
 
+@pytest.mark.slow
 def test_a_search_is_the_same_each_time_and_no_worse_than_its_random_half(monkeypatch):
     task = Task('drift of th3A through the singularity', BOUND, seed=1, runs=4)
     found = search(task)

@@ -216,6 +216,7 @@ def test_a_reader_of_the_output_that_ends_is_no_error_of_the_bus(
     assert (found.returncode, found.stderr) == (1, '')
 
 
+@pytest.mark.slow
 def test_E13_calibrate_names_a_smaller_resolution(
     motion,
     tmp_path,
