@@ -163,30 +163,42 @@ def test_a_message_that_repeats_is_not_three_small_ones():
     assert Condition.ENGAGED not in {output.state.condition for output in bench.outputs}
 
 
-@pytest.mark.parametrize(('changed', 'reason'), ENDS)
-@pytest.mark.parametrize('motors', [3, 4])
-def test_what_ends_force(changed, reason, motors):
-    """Torque goes down in 15 ms, after a drive's fault in 5, and begins only where it may."""
-    bench = Bench(motors)
+def end_force(bench, changed, reason):
+    """Have what ends force come while a torque is made; return the outputs before and at it."""
     before = bench.engage()
-    largest = max(map(abs, before.motor_torque))
     if reason is Reason.STALE:
         bench.torque = None
-    output = bench.step(**changed)
+    return before, bench.step(**changed)
+
+
+@pytest.mark.parametrize(('changed', 'reason'), ENDS)
+@pytest.mark.parametrize('motors', [3, 4])
+def test_what_ends_force_lets_each_motor_go_down_steadily(changed, reason, motors):
+    """In 15 ms, after a drive's fault in 5."""
+    bench = Bench(motors)
+    previous, output = end_force(bench, changed, reason)
+    assert max(map(abs, previous.motor_torque)) > 0.05
     assert output.state.text == f'fading: {reason.value}'
     assert output.obstacle is reason
-    previous = before
     for _ in range(15):
-        # Each motor goes down steadily.
         for new, old in zip(output.motor_torque, previous.motor_torque, strict=True):
             assert abs(new) <= abs(old)
             assert new * old >= 0.0
         previous = output
         output = bench.step(**changed)
     assert not any(output.motor_torque)
-    assert largest > 0.05
     if reason is Reason.DRIVE:
         assert not any(bench.outputs[-12].motor_torque)
+
+
+@pytest.mark.parametrize(('changed', 'reason'), ENDS)
+@pytest.mark.parametrize('motors', [3, 4])
+def test_after_what_ended_force_it_begins_again_where_it_may(changed, reason, motors):
+    """What latches waits for one acknowledgement."""
+    bench = Bench(motors)
+    end_force(bench, changed, reason)
+    for _ in range(15):
+        bench.step(**changed)
     bench.torque = STILL
     after = bench.run(700)
     if reason in LATCHED:
@@ -484,6 +496,39 @@ def test_a_pose_that_a_leg_does_not_reach_ends_force(quaternion):
     assert all(map(math.isfinite, output.motor_torque))
 
 
+def random_event(rng, bench):
+    """Change the torque by chance, acknowledge at times; return what else changes."""
+    changed = dict(rng.choice(ENDS)[0]) if rng.random() < 0.1 else {}
+    changed.pop('wrench', None)
+    if rng.random() < 0.05:
+        changed['clutched'] = True
+    if rng.random() < 0.02:
+        bench.controller.acknowledge()
+    bench.torque = rng.choice((None, STILL, STILL, STILL, TORQUE, TORQUE, (0.0, 0.0, 9.0)))
+    if rng.random() < 0.001:
+        bench.torque = (NAN, 0.0, math.inf)
+    if rng.random() < 0.4:
+        bench.torque = STILL
+        changed = {}
+    return changed
+
+
+def may_make_no_torque(state):
+    """Return whether a state is off, or a fault that ends the weight as well."""
+    is_fault = state.condition is Condition.FAULT
+    return state.condition is Condition.OFF or (is_fault and state.why in ENDS_ALL)
+
+
+def check_torque(output):
+    """Check that it is within the limit, and none, or the weight at most, where it has to be."""
+    assert all(abs(torque) <= 0.5 for torque in output.motor_torque)
+    if may_make_no_torque(output.state):
+        assert output.motor_torque == ZERO
+    elif output.state.condition not in POWERED:
+        assert output.asked == ZERO
+        assert np.linalg.norm(output.rendered) <= 0.05
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('count', [2_000, pytest.param(10_000, marks=pytest.mark.evidence)])
 def test_thousands_of_random_faults_and_transitions(count):
@@ -494,36 +539,14 @@ def test_thousands_of_random_faults_and_transitions(count):
     changes = 0
     latest = None
     while changes < count:
-        changed = dict(rng.choice(ENDS)[0]) if rng.random() < 0.1 else {}
-        changed.pop('wrench', None)
-        if rng.random() < 0.05:
-            changed['clutched'] = True
-        if rng.random() < 0.02:
-            bench.controller.acknowledge()
-        bench.torque = rng.choice((None, STILL, STILL, STILL, TORQUE, TORQUE, (0.0, 0.0, 9.0)))
-        if rng.random() < 0.001:
-            bench.torque = (NAN, 0.0, math.inf)
-        if rng.random() < 0.4:
-            bench.torque = STILL
-            changed = {}
+        changed = random_event(rng, bench)
         period = rng.choice((1, 1, 4, 8, 8, 12))
         for _ in range(rng.choice((1, 2, 3, 5, 20))):
             output = bench.step(period, **changed)
-            condition = output.state.condition
             changes += output.state != latest
             latest = output.state
             seen.add(output.state.text)
-            assert all(abs(torque) <= 0.5 for torque in output.motor_torque)
-            if (
-                condition is Condition.OFF
-                or output.state.why in ENDS_ALL
-                and (condition is Condition.FAULT)
-            ):
-                assert output.motor_torque == ZERO
-            elif condition not in POWERED:
-                # The weight at most.
-                assert output.asked == ZERO
-                assert np.linalg.norm(output.rendered) <= 0.05
+            check_torque(output)
         bench.outputs.clear()
     assert {'off', 'ready', 'engaged', 'holding'} < seen
     assert len(seen) > 20

@@ -40,37 +40,75 @@ def test_the_page_of_parameters_is_current(monkeypatch):
     )
 
 
-@pytest.mark.parametrize('setting', EVERY.values(), ids=list(EVERY))
-def test_a_setting_takes_its_range_and_refuses_all_else(setting):
-    ends = [end for end in (setting.minimum, setting.maximum) if end is not None]
-    good = list(setting.allowed) or list(map(setting.kind, ends))
-    assert all(f'{end:g}' in setting.expected for end in ends)
-    bad = [
-        *OTHER_TYPES[setting.kind],
-        *(
-            nextafter(end, end + step) if setting.kind is float else end + step
-            for end, step in ((setting.minimum, -1), (setting.maximum, 1))
-            if end is not None
-        ),
-    ]
+EACH_SETTING = pytest.mark.parametrize('setting', EVERY.values(), ids=list(EVERY))
+
+
+def ends_of(setting):
+    """Return the least and the largest value of a setting, those that there are."""
+    return [end for end in (setting.minimum, setting.maximum) if end is not None]
+
+
+def beyond(setting):
+    """Return the nearest values outside the range of a setting."""
+    found = []
+    for end, step in ((setting.minimum, -1), (setting.maximum, 1)):
+        if end is not None:
+            found.append(nextafter(end, end + step) if setting.kind is float else end + step)
+    return found
+
+
+def good_values(setting):
+    """Return single values that a setting takes."""
+    found = list(setting.allowed) or list(map(setting.kind, ends_of(setting)))
+    if setting.kind is str and setting.blank:
+        found.append(' ')
+    return found
+
+
+def bad_values(setting):
+    """Return single values that a setting refuses."""
+    found = [*OTHER_TYPES[setting.kind], *beyond(setting)]
     if setting.kind is str and setting.allowed:
-        bad.append('no such word')
-    if setting.kind is str:
-        (good if setting.blank else bad).append(' ')
+        found.append('no such word')
+    if setting.kind is str and not setting.blank:
+        found.append(' ')
+    return found
+
+
+def bad_lists(setting):
+    """Return what is no list of the values of a setting, or one of another length."""
+    found = [[], 'text', {1.0}, 1.0]
+    if setting.count:
+        found.append([0.0] * (setting.count + 1))
+    return found
+
+
+@EACH_SETTING
+def test_a_setting_takes_its_range(setting):
+    assert all(f'{end:g}' in setting.expected for end in ends_of(setting))
+    for value in good_values(setting):
+        if setting.count is None:
+            assert setting.check(value) == value
+        else:
+            values = [value] * (setting.count or 3)
+            assert setting.check(values) == tuple(values)
+
+
+@EACH_SETTING
+def test_a_setting_refuses_all_else(setting):
+    bad = bad_values(setting)
     if setting.count is not None:
-        length = setting.count or 3
-        lists = [[], 'text', {1.0}, 1.0, *([[0.0] * (length + 1)] if setting.count else [])]
-        good, bad = ([[each] * length for each in values] for values in (good, bad))
-        bad += lists
-    for value in good:
-        assert setting.check(value) == (value if setting.count is None else tuple(value))
+        bad = [[value] * (setting.count or 3) for value in bad] + bad_lists(setting)
     for value in bad:
         with pytest.raises(SettingError) as error:
             setting.check(value)
-        assert str(error.value) == (
-            f"parameter '{setting.name}' is {'not set' if value is None else repr(value)}; "
-            f'expected {value is None and setting.remedy or setting.expected}'
-        )
+        given = 'not set' if value is None else repr(value)
+        expected = value is None and setting.remedy or setting.expected
+        assert str(error.value) == f"parameter '{setting.name}' is {given}; expected {expected}"
+
+
+@EACH_SETTING
+def test_a_setting_that_is_not_given_has_its_default(setting):
     if setting.default is not None:
         assert complete((setting,), {}) == {setting.name: setting.default}
 
