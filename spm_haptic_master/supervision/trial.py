@@ -58,7 +58,7 @@ class Trial:
     place : Place or None
         Where the platform was when the set last agreed; None if that is not known.
     has_failed : bool
-        Whether it failed in any sample: until then its hypothesis stands.
+        Whether a sample contradicted it: until then its hypothesis stands.
     can_agree : bool
         Whether samples can show that the set agrees. Three sensors cannot if the place is old.
 
@@ -95,9 +95,10 @@ class Trial:
         )
         agrees = self.set.solve(own) is None and self._continues(own, speed)
         if not agrees:
+            # Three sensors of which no motion is known to go on are not contradicted by anything.
+            self.has_failed |= self.set.entries > 0 or self._since is not None
             self._since = None
             self._samples = 0
-            self.has_failed = True
             return False
         if self._since is None:
             self._since = sample.stamp
