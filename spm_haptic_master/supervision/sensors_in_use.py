@@ -283,26 +283,33 @@ class SensorsInUse:
         self.exclude(*left_out)
         return True
 
-    def readmit(self, sample: Sample, here: Place, alert_limit: float) -> Symptom | None:
+    def readmit(
+        self,
+        sample: Sample,
+        here: Place,
+        alert_limit: float,
+        has_returned: Callable[[int], bool],
+    ) -> Symptom | None:
         """
         Use a sensor again once it has agreed with those in use for its time.
 
         `here` is their orientation; the sensor's part of the level has to be within the alert
-        limit, rad. Returned is a symptom where a sensor had come back, and three others, which
-        nothing else checks, disagree with it again: it may be one of them.
+        limit, rad. `has_returned` tells whether a sensor is back on the motion that it left.
+        Returned is a symptom where a sensor had come back, by its agreement or by its own motion,
+        and three others, which nothing else checks, disagree with it: it may be one of them.
         """
         symptom = None
         for sensor in sorted({*self.distrusted} - {*self.missing}):
             distrust = self.distrusted[sensor]
             trial = distrust.trial or self._trial_with(sensor, here)
             distrust.trial = trial
-            had_agreed = trial.passes(sample.stamp, -1, self._limits.window)
+            is_back = trial.passes(sample.stamp, -1, self._limits.window) or has_returned(sensor)
             trial.place = here
             agrees = trial.follow(sample, self._limits.joint_speed)
-            if had_agreed and not agrees and not self.used.entries:
+            if is_back and not agrees and not self.used.entries:
                 symptom = Symptom(
                     Reason.INCONSISTENT,
-                    f'{ALL_JOINT_NAMES[sensor]} agreed again, and no longer does',
+                    f'{ALL_JOINT_NAMES[sensor]} had come back, and does not agree',
                     severity=Severity.LATCH,
                 )
             if not agrees or not self._is_checked(trial.set, sensor, sample, alert_limit):

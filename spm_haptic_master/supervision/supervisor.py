@@ -464,7 +464,9 @@ class Supervisor:
         if has_fault:
             parts = self._rivals.parts_since(here, self.latch.onset)
             self._exposure.note_after_fault(sample.stamp, parts, self.alert_limit)
-        return self._sensors.readmit(sample, here, self.alert_limit) if has_left_out else None
+        if not has_left_out:
+            return None
+        return self._sensors.readmit(sample, here, self.alert_limit, self.joints.has_returned)
 
     def _publish(
         self,
