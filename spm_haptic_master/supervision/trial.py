@@ -17,6 +17,7 @@ from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.supervision.anchor import PRIOR_AGE, within
 from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.symptom import Severity, Symptom
 
 
 @dataclass(slots=True)
@@ -93,10 +94,9 @@ class Trial:
             prior=place.quaternion if place is not None and recent else None,
             followed=None if place is None else place.stamp,
         )
-        agrees = self.set.solve(own) is None and self._continues(own, speed)
-        if not agrees:
-            # Three sensors of which no motion is known to go on are not contradicted by anything.
-            self.has_failed |= self.set.entries > 0 or self._since is not None
+        symptom = self.set.solve(own)
+        if symptom is not None or not self._continues(own, speed):
+            self.has_failed |= self._is_contradicted(symptom)
             self._since = None
             self._samples = 0
             return False
@@ -106,6 +106,20 @@ class Trial:
         if self.set.estimate is not None:
             self.place = Place(sample.stamp, self.set.estimate.quaternion)
         return True
+
+    def _is_contradicted(self, symptom: Symptom | None) -> bool:
+        """
+        Whether a sample with which the set does not go on contradicts its hypothesis.
+
+        Not one that determines no orientation, as where two solutions meet; nor any of three
+        sensors of which no motion is known that could go on.
+        """
+        if not self.set.entries and self._since is None:
+            return False
+        if symptom is not None:
+            return symptom.severity is not Severity.WITHHOLD
+        estimate = self.set.estimate
+        return estimate is not None and estimate.determined
 
     def _continues(self, sample: Sample, speed: float) -> bool:
         """Whether a sample continues the trial: determined, and in reach of `place`."""

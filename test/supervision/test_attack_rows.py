@@ -25,23 +25,16 @@ QUICK = (
     'V4, checked',
     'V6, checked',
     'V7, unchecked',
-)
-# Cases beyond what is promised: docs/safety.md names them.
-OPEN = pytest.mark.xfail(reason='two faults at once', strict=False)
-BEYOND = (
     'glitch, then a drift at 250 Hz, checked',
     'three sensors, a sample lost at 50 Hz, checked',
+    'three sensors, two solutions meet, checked',
 )
 
 
-def marks_of(name):
-    """Return the marks of a case by its name."""
-    if name in BEYOND:
-        return OPEN
-    return () if name in QUICK else pytest.mark.slow
-
-
-@pytest.mark.parametrize('name', [pytest.param(name, marks=marks_of(name)) for name in CASES])
+@pytest.mark.parametrize(
+    'name',
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CASES],
+)
 def test_a_worst_case_of_the_search_stays_within_what_was_promised(name):
     """Error over level while the faulty sensor is checked, else over its published bound."""
     row = CASES[name]
