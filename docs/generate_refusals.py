@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from refusals import REFUSALS  # noqa: E402
 
 PAGE = Path(__file__).with_name('refused.md')
-BEGIN = '<!-- refusals, by `make docs` from test/refusals.py -->\n'
+BEGIN = '<!-- refusals, by `make docs` from test/refusals -->\n'
 END = '<!-- end of refusals -->'
 
 
