@@ -17,7 +17,11 @@ NOISE = radians(0.04)
 # Unit of bias_deg, rad, as calibrate rounds it up.
 UNIT = radians(0.01)
 # Links and axes, which the calibration knows, and second harmonics, which it does not.
-TOLERANCES = Tolerances(links=radians(0.25), axes=radians(0.25), second_harmonic=radians(0.02))
+TOLERANCES = Tolerances(
+    links=radians(0.25),
+    axes=radians(0.25),
+    second_harmonic=radians(0.02),
+)
 
 
 def motion(

@@ -115,7 +115,11 @@ def encoders(channel):
             make_motion(values('sim', **motion)),
             (),
             seed,
-            NodeOptions(synchronised=sync_id is not None, factory=factory, period=period),
+            NodeOptions(
+                synchronised=sync_id is not None,
+                factory=factory,
+                period=period,
+            ),
             tuple(map(parse_quirk, quirks)),
         )
         if sync_id is None:

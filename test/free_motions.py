@@ -19,7 +19,12 @@ from spm_haptic_master.simulation.rig import perfect_rig, random_rig, Tolerances
 
 SIGMA = 7e-4
 # Deviations of an ordinary rig.
-DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
+DEVIATIONS = Tolerances(
+    radians(0.3),
+    radians(0.3),
+    radians(0.12),
+    radians(0.015),
+)
 # A short motion that determines everything that a motion can.
 SHORT = Condition('short', seconds=24.0)
 # An ordinary rig, and the seed of its short motion.
@@ -65,7 +70,16 @@ def sensor_errors(found, rig, zeros):
 def poses(count, seed=3):
     """Return orientations of a motion within reach of rigs near the drawing."""
     rig = perfect_rig(Geometry(), 0.0)
-    found = hand_motion(rig, Condition('poses', tilt=17.0, turn_from=5.0, turn_to=85.0), seed)
+    found = hand_motion(
+        rig,
+        Condition(
+            'poses',
+            tilt=17.0,
+            turn_from=5.0,
+            turn_to=85.0,
+        ),
+        seed,
+    )
     return found[:: len(found) // count][:count]
 
 

@@ -45,7 +45,12 @@ TAKEN_EACH = 0.005
 
 def environment(**changes: str) -> dict[str, str]:
     """Return the environment of a child process: this run's, and checked message fields."""
-    return {**os.environ, 'ROS_PYTHON_CHECK_FIELDS': '1', 'PYTHONUNBUFFERED': '1', **changes}
+    return {
+        **os.environ,
+        'ROS_PYTHON_CHECK_FIELDS': '1',
+        'PYTHONUNBUFFERED': '1',
+        **changes,
+    }
 
 
 def start_program(

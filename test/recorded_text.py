@@ -55,6 +55,11 @@ def is_same(line, expected):
     numbers = NUMBER.findall(line)
     known = NUMBER.findall(expected)
     return words(line) == words(expected) and all(
-        isclose(float(number), float(other), rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+        isclose(
+            float(number),
+            float(other),
+            rel_tol=RELATIVE,
+            abs_tol=ABSOLUTE,
+        )
         for number, other in zip(numbers, known, strict=True)
     )

@@ -84,7 +84,11 @@ def _eased(values: np.ndarray) -> np.ndarray:
     padded = np.pad(values, EASE, mode='edge')
     least = np.lib.stride_tricks.sliding_window_view(padded, 2 * EASE + 1).min(axis=1)
     weights = np.hanning(2 * EASE + 3)[1:-1]
-    return np.convolve(np.pad(least, EASE, mode='edge'), weights / weights.sum(), 'valid')
+    return np.convolve(
+        np.pad(least, EASE, mode='edge'),
+        weights / weights.sum(),
+        'valid',
+    )
 
 
 def joint_angles(poses: np.ndarray, rig: Rig) -> np.ndarray:

@@ -37,7 +37,11 @@ def anchors(page: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize('page', [*PAGES, *BESIDE], ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    'page',
+    [*PAGES, *BESIDE],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
 def test_relative_links_resolve(page):
     broken = []
     for link in LINK.findall(CODE_BLOCK.sub('', text_of(page))):

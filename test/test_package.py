@@ -145,7 +145,13 @@ def test_citation_and_quality_declaration_are_of_this_package_and_version(packag
 
 def run(command, **kwargs):
     """Run a command that has to succeed; return what it printed."""
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, **kwargs)
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        **kwargs,
+    )
     assert done.returncode == 0, f'{command}\n{done.stdout}\n{done.stderr}'
     return done.stdout
 
@@ -173,7 +179,11 @@ def source(tmp_path):
 
 
 @pytest.mark.packaging
-@pytest.mark.parametrize('options', [(), ('--symlink-install',)], ids=['copied', 'symlinked'])
+@pytest.mark.parametrize(
+    'options',
+    [(), ('--symlink-install',)],
+    ids=['copied', 'symlinked'],
+)
 def test_colcon_build(source, options):
     workspace = source.parents[1]
     run(

@@ -392,7 +392,12 @@ def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
 
     def measure(case, seconds, rate, parameters):
         measured.append((case.name, seconds, rate, parameters))
-        found = run_of(case, next(latencies), lost=1, others=30.0 * (len(measured) == 3))
+        found = run_of(
+            case,
+            next(latencies),
+            lost=1,
+            others=30.0 * (len(measured) == 3),
+        )
         statuses = [(1, 'fkm: timing', {'latency p50 (us)': '80'}), (2, 'x', {})]
         return replace(found, load=dict.fromkeys(case.processes, 12.5), statuses=statuses)
 

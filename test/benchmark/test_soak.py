@@ -20,7 +20,13 @@ def test_soak_survives_failures_of_the_bus(measured, monkeypatch):
     monkeypatch.setattr(
         soak,
         'SCHEDULE',
-        Schedule(minute=1.0, failure_period=4.0, failure=1.0, visit_period=7.0, visit=6.0),
+        Schedule(
+            minute=1.0,
+            failure_period=4.0,
+            failure=1.0,
+            visit_period=7.0,
+            visit=6.0,
+        ),
     )
     out = measured(soak.main, '--minutes', '14', '--apart')
     for pattern in (

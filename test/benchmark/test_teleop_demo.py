@@ -86,7 +86,12 @@ def test_a_laparoscopic_slave_is_led_and_held_by_real_processes():
 
 def arrived(ms, angle, depth=0.1):
     """Return a pose turned about the shaft, z, with its tip at a depth below the origin."""
-    return Arrived(ms * MS, ms * MS, quaternion_from_vector(0.0, 0.0, angle), (0.0, 0.0, depth))
+    return Arrived(
+        ms * MS,
+        ms * MS,
+        quaternion_from_vector(0.0, 0.0, angle),
+        (0.0, 0.0, depth),
+    )
 
 
 def test_the_table_of_a_demonstration():

@@ -41,7 +41,11 @@ ORIGIN = results.Origin(
     checksum='ab' * 32,
     version='1.2.3',
     counts_per_turn=PER_TURN,
-    settings={'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)},
+    settings={
+        'can.channel': 'can1',
+        'source': 'can',
+        'encoders.id': (1, 2, 3, 4),
+    },
 )
 CHECKED = results.Checked(
     alert_limit_deg=1.0,
@@ -115,7 +119,12 @@ def test_a_motion_with_known_zeros_determines_the_rig(calibration):
 
 def hardly_a_motion():
     """Return the raw readings of a motion of some degrees."""
-    small = replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0)
+    small = replace(
+        SHORT,
+        tilt=1.5,
+        turn_from=44.0,
+        turn_to=48.0,
+    )
     _, raw, _, _ = readings(RIG, small, SEED)
     return raw
 

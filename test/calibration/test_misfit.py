@@ -65,7 +65,11 @@ def test_play_is_a_caution_and_raises_the_bias():
     turns = np.unwrap(raw[::10, 0] * direction[0])
     smooth = np.convolve(turns, np.ones(25) / 25.0, 'same')
     sense = np.sign(np.gradient(smooth))
-    found = changed(0, lambda at: 0.1 * sense, progress=lambda text, share: shares.append(share))
+    found = changed(
+        0,
+        lambda at: 0.1 * sense,
+        progress=lambda text, share: shares.append(share),
+    )
     assert any(
         'contradict each other' in caution and 'play' in caution for caution in found.cautions
     )

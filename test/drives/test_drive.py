@@ -68,7 +68,11 @@ def follow(drive, commands, late, share=1.0):
     for number, command in enumerate(commands):
         drive.command(command)
         if number % STATUS_PERIOD == 0:
-            status(drive, number * MS, torque=round(share * commands[max(0, number - late)]))
+            status(
+                drive,
+                number * MS,
+                torque=round(share * commands[max(0, number - late)]),
+            )
         found.append(trouble(drive, number * MS))
     return found
 

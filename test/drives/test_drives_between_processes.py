@@ -35,7 +35,11 @@ def sim_bus(start, bus_channel):
             '--drives',
             '3',
             *args,
-            parameters={'can.interface': 'udp_multicast', 'can.channel': bus_channel, **SETTINGS},
+            parameters={
+                'can.interface': 'udp_multicast',
+                'can.channel': bus_channel,
+                **SETTINGS,
+            },
         )
         assert wait_until(
             lambda: 'sim_bus: 3 drives on udp_multicast' in program.stdout, PATIENCE
@@ -49,7 +53,11 @@ def sim_bus(start, bus_channel):
 def drives(bus_channel):
     """Give drives on that bus."""
     made = make_unchecked_drives(
-        drive_values(drives__interface='udp_multicast', drives__channel=bus_channel, **SETTINGS)
+        drive_values(
+            drives__interface='udp_multicast',
+            drives__channel=bus_channel,
+            **SETTINGS,
+        )
     )
     yield made
     made.close()

@@ -108,7 +108,11 @@ def test_the_frames_of_a_sample_are_laid_out_as_documented():
 def check(encoders=(), **drives):
     """Check drives on the bus of the encoders."""
     check_shared_bus(
-        drive_values(drives__interface='virtual', drives__channel='one', **drives),
+        drive_values(
+            drives__interface='virtual',
+            drives__channel='one',
+            **drives,
+        ),
         values(
             can__interface='virtual',
             can__channel='one',
@@ -122,7 +126,11 @@ def test_drives_fit_on_the_bus_of_the_encoders_by_one_frame_and_at_an_unknown_bi
     check({'can__bitrate': 0})
     check_shared_bus(
         drive_values(drives__channel='two', drives__bitrate=MBIT),
-        values(can__interface='virtual', can__channel='one', can__bitrate=MBIT),
+        values(
+            can__interface='virtual',
+            can__channel='one',
+            can__bitrate=MBIT,
+        ),
     )
 
 

@@ -43,7 +43,12 @@ def rig(monkeypatch, clock):
 
         monkeypatch.setattr(can_bus, 'open_bus', opening)
         source = make_source(
-            'can', values(can__interface='virtual', can__channel='can7', **overrides)
+            'can',
+            values(
+                can__interface='virtual',
+                can__channel='can7',
+                **overrides,
+            ),
         )
         source.opened = opened
         source.buses = scripted
@@ -58,7 +63,12 @@ def producing(rig, monkeypatch):
     """Make a source on a scripted bus, and the producer of SYNC that stands in for its own."""
 
     def make(*buses, **overrides):
-        producer = Mock(spec=SyncProducer, yielding=False, producing=False, lost=0.0)
+        producer = Mock(
+            spec=SyncProducer,
+            yielding=False,
+            producing=False,
+            lost=0.0,
+        )
         producer.openings.return_value = []
         producer.statistics.return_value = {}
         made = Mock(return_value=producer)

@@ -8,7 +8,11 @@ from math import isnan
 from encoder_frames import answer, decoder, PERIOD, sync, T0
 
 COUNT = 2.0 * 3.14159265 / 16384
-COUNTER = {'encoders__data_length': 5, 'encoders__counter_byte': 4, 'encoders__counter_mask': 0x0F}
+COUNTER = {
+    'encoders__data_length': 5,
+    'encoders__counter_byte': 4,
+    'encoders__counter_mask': 0x0F,
+}
 STATUS = {
     'encoders__data_length': 5,
     'encoders__status_byte': 4,

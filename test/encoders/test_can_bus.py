@@ -94,7 +94,11 @@ def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, p
     ],
 )
 def test_error_frames_have_the_words_of_linux(identifier, data, words):
-    frame = can.Message(arbitration_id=identifier, is_error_frame=True, data=bytes.fromhex(data))
+    frame = can.Message(
+        arbitration_id=identifier,
+        is_error_frame=True,
+        data=bytes.fromhex(data),
+    )
     assert can_bus.error_words(frame) == words
 
 

@@ -53,7 +53,11 @@ def test_the_lines_decode_what_the_file_describes(tmp_path, capsys):
         if name.startswith(('encoders.', 'can.'))
     }
     layouts = decoder_factory.make_layouts(
-        values(**given, encoders__zero_count=(0, 0, 0, 0), encoders__direction=(1, 1, 1, 1))
+        values(
+            **given,
+            encoders__zero_count=(0, 0, 0, 0),
+            encoders__direction=(1, 1, 1, 1),
+        )
     )
     database = cantools.database.load_file(path)
     for number, (layout, frame) in enumerate(zip(layouts, database.messages, strict=True)):

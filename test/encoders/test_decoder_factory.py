@@ -65,7 +65,12 @@ def test_settings_are_checked_against_each_other(case):
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(
     bitrate, rate, overrides, words
 ):
-    settings = values(can__interface='virtual', can__bitrate=bitrate, rate=rate, **overrides)
+    settings = values(
+        can__interface='virtual',
+        can__bitrate=bitrate,
+        rate=rate,
+        **overrides,
+    )
     with pytest.raises(SettingError, match=re.escape(words)) if words else nullcontext():
         make_source('can', settings).close()
 

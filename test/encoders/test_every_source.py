@@ -19,7 +19,11 @@ def test_samples_are_whole_and_their_stamps_increase(kind, tmp_path, channel, en
     options = {'rate': RATE}
     if kind == 'can':
         stack.enter_context(encoders())
-        options |= {'can__interface': 'virtual', 'can__channel': channel, 'can__sync': 'produce'}
+        options |= {
+            'can__interface': 'virtual',
+            'can__channel': channel,
+            'can__sync': 'produce',
+        }
     elif kind == 'replay':
         path = record(tmp_path / 'recorded.log', stream(*range(20)))
         options = {'replay__path': str(path), 'replay__loop': True}

@@ -49,7 +49,12 @@ def refusing(code, *keys):
 
 
 def test_E3_and_E11_what_decides_the_answer_to_sync_is_compared_and_set(channel, run):
-    held = objects_of(2, o1005=Held(0x40000090), o1006=Held(10000), o1019=Held(10, 1))
+    held = objects_of(
+        2,
+        o1005=Held(0x40000090),
+        o1006=Held(10000),
+        o1019=Held(10, 1),
+    )
     with foreign_bus(channel, (2, held)) as (encoder,):
         code, text = run()
         assert code == 1
@@ -246,7 +251,12 @@ def test_E12_two_devices_with_one_node_id_are_named(channel, run):
 
 def test_E17_an_answer_without_a_size_is_written_with_that_of_the_object(channel, run):
     """The node takes one byte for 0x1800:02, and answers with command 0x42."""
-    held = objects_of(2, o1800_02=Held(254, 1), o1017=Held(0, 2), o6000=Held(0, 2))
+    held = objects_of(
+        2,
+        o1800_02=Held(254, 1),
+        o1017=Held(0, 2),
+        o6000=Held(0, 2),
+    )
     with foreign_bus(channel, (2, held)) as (encoder,):
         server = encoder.node.sdo
         send = server.send_response

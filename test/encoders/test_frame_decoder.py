@@ -196,7 +196,11 @@ def test_the_window_without_sync_is_half_a_period_at_most():
 
 def test_statistics_have_rates_ages_missed_cycles_and_percentiles(clock):
     """Sets whose last answer lags by 5, 10 .. 1000 us."""
-    taker = decoder(encoders__window=5e-3, rate=100.0, can__protocol='raw')
+    taker = decoder(
+        encoders__window=5e-3,
+        rate=100.0,
+        can__protocol='raw',
+    )
     figures = taker.statistics(T0)
     assert figures['joint_1a age (ms)'] == 'never heard'
     assert not any(word in name for name in figures for word in ('skew', 'jitter', 'node'))

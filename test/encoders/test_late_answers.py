@@ -211,7 +211,14 @@ def test_a_late_encoder_stays_one_after_a_long_cycle_that_shows_others_too(by):
 @pytest.mark.parametrize('by', [1, 2, 3])
 def test_a_late_encoder_that_a_single_long_cycle_has_shown_stays_one(by):
     taker, layouts = rig(4)
-    stream = late_stream(layouts, 3, by, 0, 60 + 10 * LONGEST_QUEUE, gaps={20})
+    stream = late_stream(
+        layouts,
+        3,
+        by,
+        0,
+        60 + 10 * LONGEST_QUEUE,
+        gaps={20},
+    )
     assert max(by_cycle(feed(taker, stream), 20)) == 19
 
 

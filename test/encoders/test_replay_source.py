@@ -17,7 +17,13 @@ def replay(tmp_path):
     def make(messages, rate=100.0, **overrides):
         path = record(tmp_path / 'recorded.log', messages)
         return make_source(
-            'replay', values('replay', replay__path=str(path), replay__rate=rate, **overrides)
+            'replay',
+            values(
+                'replay',
+                replay__path=str(path),
+                replay__rate=rate,
+                **overrides,
+            ),
         )
 
     return make

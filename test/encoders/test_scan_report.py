@@ -76,7 +76,11 @@ def everything():
         answer(0, T0, is_extended_id=True),
         canopen.emcy(3, 0x5000, 1),
         canopen.emcy(3, 0x5000, 1),
-        can.Message(arbitration_id=0x181, is_remote_frame=True, is_extended_id=False),
+        can.Message(
+            arbitration_id=0x181,
+            is_remote_frame=True,
+            is_extended_id=False,
+        ),
         *(heard(0x183, bytes(length), when) for length, when in ((8, 0.0), (2, 0.25), (8, 0.5))),
         heard(0x99),
         canopen.sdo_upload(9, 0x1000, 0),
@@ -452,7 +456,12 @@ def test_the_lines_for_a_rig_are_of_what_was_heard(tmp_path, name):
 
 
 def test_joints_that_are_as_configured_keep_their_place(tmp_path):
-    chosen = replace(ON_BUS, channel='can0', bitrate=None, chosen=True)
+    chosen = replace(
+        ON_BUS,
+        channel='can0',
+        bitrate=None,
+        chosen=True,
+    )
     lines = rig_lines.rig_lines(SCANS['calibrated'], EXPECTED['calibrated'], chosen)
     assert lines == [
         '/**:',

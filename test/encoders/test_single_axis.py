@@ -210,8 +210,18 @@ def test_scan_and_set_up_know_the_slide(channel, capsys, monkeypatch):
     monkeypatch.setattr(canopen_network, 'ANSWER_TIMEOUT', 0.3)
     monkeypatch.setattr(command_line, 'SIGNALS', ())
     bus = ('-p', 'can.interface:=virtual', '-p', f'can.channel:={channel}', *GIVEN)
-    slide_objects = objects_of(5, o6000=None, o6001=None, o6002=None, o6501=None)
-    with foreign_bus(channel, *((n, objects_of(n)) for n in NODES[:4]), (5, slide_objects)):
+    slide_objects = objects_of(
+        5,
+        o6000=None,
+        o6001=None,
+        o6002=None,
+        o6501=None,
+    )
+    with foreign_bus(
+        channel,
+        *((n, objects_of(n)) for n in NODES[:4]),
+        (5, slide_objects),
+    ):
         assert can_scan.main(['can_scan', *bus, '--start', '--seconds', '1']) == 0
         out = capsys.readouterr().out
         assert '  insertion\n' in out

@@ -40,7 +40,11 @@ class Bench:
 
     def __init__(self, motors=3, limits=None, **kwargs):
         self.motors = motors
-        self.controller = ForceController(motors=motors, limits=limits or ForceLimits(), **kwargs)
+        self.controller = ForceController(
+            motors=motors,
+            limits=limits or ForceLimits(),
+            **kwargs,
+        )
         self.now = 0
         self.torque = STILL
         self.wrench = None

@@ -104,7 +104,13 @@ def test_a_spring_that_is_pressed_and_released_keeps_its_torque(depth, stiffness
 def test_twelve_loops_in_the_fade_zone_by_a_hand(stiffness):
     R = pose(44.0)
     motion, environment, seconds = loops(R, 1.0, 12, 1)
-    found = run(R, Slave(environment), seconds, motion=motion, hand=(stiffness, 0.01))
+    found = run(
+        R,
+        Slave(environment),
+        seconds,
+        motion=motion,
+        hand=(stiffness, 0.01),
+    )
     assert found.generated <= 20e-3
     assert found.states[-1] == 'engaged'
 
@@ -117,7 +123,13 @@ def test_a_local_wall_of_2_is_stable_with_a_latency_of_one_sample():
         centre = multiply_quaternions(
             quaternion_from_vector(*(0.02 * direction).tolist()), quaternion(R)
         )
-        found = run(R, Slave(spring(centre, 2.0)), 0.8, hand=FREE, controller=Bare(0.005))
+        found = run(
+            R,
+            Slave(spring(centre, 2.0)),
+            0.8,
+            hand=FREE,
+            controller=Bare(0.005),
+        )
         assert swing(found, direction, 0.6, 0.2) < 0.5 * swing(found, direction, 0.0, 0.2)
 
 

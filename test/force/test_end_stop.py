@@ -47,7 +47,11 @@ def poses_at_the_rim(count, seed):
     rng = np.random.default_rng(seed)
     found = []
     while len(found) < count:
-        R = workspace_pose(0.7 * rng.random(), 6.3 * rng.random(), 3.0 * rng.random() - 0.6)
+        R = workspace_pose(
+            0.7 * rng.random(),
+            6.3 * rng.random(),
+            3.0 * rng.random() - 0.6,
+        )
         if 0.2 * BEGIN < margins(R).min() < 0.9 * BEGIN and np.isfinite(jacobian(R)).all():
             found.append(R)
     return found

@@ -85,7 +85,12 @@ def test_the_work_of_motors_whose_joints_cross_half_a_turn():
     for step in range(12):
         angle = np.pi - 0.005 + 1e-3 * step
         wrapped = float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
-        work = motion.work(step * 1_000_000, (wrapped, 0.5 - 2e-3 * step, -0.5, 9.0), WEIGHTS, DT)
+        work = motion.work(
+            step * 1_000_000,
+            (wrapped, 0.5 - 2e-3 * step, -0.5, 9.0),
+            WEIGHTS,
+            DT,
+        )
         if step:
             assert work == pytest.approx(1e-3 - 20e-3)
     assert motion.velocity == pytest.approx((1.0, -2.0, 0.0))
@@ -110,7 +115,12 @@ def test_an_encoder_that_jumps_is_no_motion():
     """5 deg in a millisecond: no work is counted, and no velocity damps it."""
     motion = JointMotion(3)
     for step in range(12):
-        motion.work(step * 1_000_000, (1e-3 * step, 0.0, 0.0), WEIGHTS, DT)
+        motion.work(
+            step * 1_000_000,
+            (1e-3 * step, 0.0, 0.0),
+            WEIGHTS,
+            DT,
+        )
     assert motion.work(12_000_000, (0.012, 0.087, 0.0), WEIGHTS, DT) is None
     assert motion.velocity is None
     assert not motion.is_missing
@@ -348,7 +358,12 @@ def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
 
 def test_noise_at_rest_is_one_millinewtonmetre():
     """0.04 deg on each encoder, 14 bit, damping 0.005 N m s/rad."""
-    found = run(pose(20.0), Slave(constant((0.0, 0.0, 0.0))), 3.0, hand=None)
+    found = run(
+        pose(20.0),
+        Slave(constant((0.0, 0.0, 0.0))),
+        3.0,
+        hand=None,
+    )
     felt = found.rendered[found.start :]
     assert 0.0 < np.sqrt(np.mean(np.sum(felt**2, axis=1))) <= 1e-3
 

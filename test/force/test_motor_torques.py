@@ -69,7 +69,12 @@ def test_the_rows_are_the_jacobian_of_the_inverse_model():
                 continue
             statics = make_statics(g, mode, 4, ForceLimits())
             statics.place(flat(R))
-            np.testing.assert_allclose(statics.rows(), G, rtol=1e-9, atol=1e-9 * np.abs(G).max())
+            np.testing.assert_allclose(
+                statics.rows(),
+                G,
+                rtol=1e-9,
+                atol=1e-9 * np.abs(G).max(),
+            )
 
 
 def test_four_motors_render_all_with_the_least_heat_or_the_least_peak():
@@ -169,7 +174,14 @@ def test_at_the_surface_itself_the_torques_are_finite():
 def leg_pose(row):
     """Return a leg with a row of G."""
     zero = (0.0, 0.0, 0.0)
-    return LegPose(third=zero, u=0.0, divisor=1.0, reach=1.0, normal=zero, row=row)
+    return LegPose(
+        third=zero,
+        u=0.0,
+        divisor=1.0,
+        reach=1.0,
+        normal=zero,
+        row=row,
+    )
 
 
 def test_rows_without_any_rate_give_no_torque_along_it():
@@ -221,7 +233,11 @@ def test_a_batch_is_its_samples():
 @pytest.mark.parametrize('motors', [3, 4])
 def test_poses_that_a_leg_does_not_reach_are_those_without_a_jacobian(motors):
     with pytest.raises(UnreachableError):
-        render(workspace_pose(math.radians(85.0), 0.0, 0.0), (0.0, 0.0, 0.1), motors=motors)
+        render(
+            workspace_pose(math.radians(85.0), 0.0, 0.0),
+            (0.0, 0.0, 0.1),
+            motors=motors,
+        )
     tilt, azimuth, phi = np.random.default_rng(12).random((3, 300))
     R = workspace_pose(1.2 * tilt, 6.3 * azimuth, 2.5 * phi)
     reached = np.isfinite(jacobian(R)).all((1, 2))
@@ -278,7 +294,11 @@ def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
     def turn(vector):
         return matrix_from_quaternion((*(0.5 * vector), 1.0))
 
-    for R in workspace_pose(0.3 * rng.random(5), 6.0 * rng.random(5), 0.7 * rng.random(5)):
+    for R in workspace_pose(
+        0.3 * rng.random(5),
+        6.0 * rng.random(5),
+        0.7 * rng.random(5),
+    ):
         statics.place(R.ravel().tolist())
         slope = [
             (energy(turn(step * axis) @ R) - energy(turn(-step * axis) @ R)) / (2.0 * step)

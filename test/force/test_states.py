@@ -226,7 +226,11 @@ def test_an_encoder_that_jumps_turns_no_motor_up():
     bench = Bench()
     before = bench.engage()
     a, b, c, third = ANGLES
-    jumped = {'angles': (a, b + math.radians(5.0), c, third), 'quaternion': None, 'velocity': None}
+    jumped = {
+        'angles': (a, b + math.radians(5.0), c, third),
+        'quaternion': None,
+        'velocity': None,
+    }
     for _ in range(20):
         output = bench.step(**jumped)
         for new, old in zip(output.motor_torque, before.motor_torque, strict=True):
@@ -324,7 +328,12 @@ def test_a_fault_of_the_wrench_becomes_one_of_the_orientation():
     bench = Bench(gravity=WEIGHT)
     bench.engage(STILL)
     assert bench.run(100, sources=2).state.why is Reason.SOURCES
-    output = bench.run(20, sources=2, quaternion=None, velocity=None)
+    output = bench.run(
+        20,
+        sources=2,
+        quaternion=None,
+        velocity=None,
+    )
     assert output.state.text == f'fault: {Reason.NO_ORIENTATION.value}'
     assert output.motor_torque == ZERO
 

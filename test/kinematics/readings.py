@@ -56,8 +56,21 @@ def differences(R, g=PAPER, mode=(1, 1, 1), step=1e-5):
 
 def estimated(readings, sigma=SIGMA, g=PAPER, **options):
     """Estimate from readings (..., N)."""
-    more = dict(zip(('theta3b', 'theta3c'), np.moveaxis(readings[..., 4:], -1, 0), strict=False))
-    return estimate(readings[..., :3], readings[..., 3], sigma, g, **more, **options)
+    more = dict(
+        zip(
+            ('theta3b', 'theta3c'),
+            np.moveaxis(readings[..., 4:], -1, 0),
+            strict=False,
+        )
+    )
+    return estimate(
+        readings[..., :3],
+        readings[..., 3],
+        sigma,
+        g,
+        **more,
+        **options,
+    )
 
 
 def bound(R, sigma, g=PAPER, mode=(1, 1, 1), sensors=4):
@@ -98,7 +111,12 @@ def near_boundary(leg, size):
     # B_kk = sin alpha sin beta sin th2k.
     th2a = math.asin(size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta)))
     while True:
-        R = nominal().chain(0, rng.uniform(-3.0, 3.0), th2a, rng.uniform(-3.0, 3.0))
+        R = nominal().chain(
+            0,
+            rng.uniform(-3.0, 3.0),
+            th2a,
+            rng.uniform(-3.0, 3.0),
+        )
         if nominal().margins(R)[1:].min() > 0.15:
             break
     # Leg B or C is leg A in a platform turned about (1, 1, 1).

@@ -99,7 +99,10 @@ def test_long_batches_are_their_rows():
         R = model(th1, passive)
         assert R.shape == (2, SLICE - 100, 3, 3)
         for index in ((0, 0), (0, SLICE - 101), (1, 50), (1, 99), (1, 100), (1, SLICE - 101)):
-            np.testing.assert_array_equal(R[index], model(th1[index][None], passive[index[1]])[0])
+            np.testing.assert_array_equal(
+                R[index],
+                model(th1[index][None], passive[index[1]])[0],
+            )
 
 
 def degenerate(size):
@@ -125,7 +128,10 @@ def test_closed_form_down_to_its_least_determinant(sign):
     with pytest.raises(SingularityError, match='determinant'):
         kinematics.forward_theta3a(refused[:3], refused[3])
     batch = kinematics.forward_theta3a([answered[:3], refused[:3]], 0.4)
-    np.testing.assert_array_equal(np.isnan(batch).any(axis=(1, 2)), [False, True])
+    np.testing.assert_array_equal(
+        np.isnan(batch).any(axis=(1, 2)),
+        [False, True],
+    )
 
 
 def test_half_turns_of_points_all_round():

@@ -147,7 +147,12 @@ def test_the_usual_frames_are_the_same_from_any_other_frames(built):
     rng = np.random.default_rng(301)
     outer = turn(0.3 * rng.normal(size=3))
     inner = turn(0.3 * rng.normal(size=3))
-    other = Built(built.base @ outer.T, built.platform @ inner.T, built.alpha, built.beta)
+    other = Built(
+        built.base @ outer.T,
+        built.platform @ inner.T,
+        built.alpha,
+        built.beta,
+    )
     there = in_usual_frames(built.geometry)
     again = in_usual_frames(other.geometry)
     np.testing.assert_allclose(again.base_axes, there.base_axes, atol=1e-14)

@@ -123,7 +123,11 @@ def test_up_to_the_boundary_of_a_working_mode(leg, size, inside):
 
 def approach_at(degrees):
     R = zxz(*np.radians(degrees))
-    return R, approach(tuple(kinematics.quaternion_from_matrix(R).tolist()), PAPER, MODES[0])
+    return R, approach(
+        tuple(kinematics.quaternion_from_matrix(R).tolist()),
+        PAPER,
+        MODES[0],
+    )
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,14 @@ def test_true_readings_give_the_pose(sensors):
     readings = readings_at(R, sensors)
     near = quaternion(turn([0.01, -0.01, 0.01]) @ R)
     for prior in (near, None) if sensors.count > 3 else (near,):
-        sample = kinematics.estimate_sample(readings, sensors, PAPER, prior, (1, 1, 1), 1e-9)
+        sample = kinematics.estimate_sample(
+            readings,
+            sensors,
+            PAPER,
+            prior,
+            (1, 1, 1),
+            1e-9,
+        )
         assert np.linalg.norm(rotated(sample, R)) < 1e-7
         assert len(sample.parity_vector) == sensors.count - 3
         assert np.abs(sample.parity_vector).max(initial=0.0) < 1e-6
@@ -175,9 +182,11 @@ def test_noise_may_take_a_leg_just_beyond_the_boundary_of_its_mode(leg, beyond, 
 )
 def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
     rng = random.Random(seed)
-    R = kinematics.workspace_pose(
-        *np.random.default_rng(seed).uniform((0.0, 0.0, -1.0), (0.5, 6.3, 2.5), (300, 3)).T
-    )
+    # Tilt, azimuth and self-rotation.
+    smallest = (0.0, 0.0, -1.0)
+    largest = (0.5, 6.3, 2.5)
+    poses = np.random.default_rng(seed).uniform(smallest, largest, (300, 3))
+    R = kinematics.workspace_pose(*poses.T)
     every = all_angles(R)
     known = [
         (readings.tolist(), quaternion(pose))
@@ -199,7 +208,14 @@ def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
             prior = rng.choice((last, known[0][1]))
         mode = rng.choice((None, (1, 1, 1)))
         with suppress(SpmError):
-            sample = kinematics.estimate_sample(tuple(readings), sensors, PAPER, prior, mode, 2e-3)
+            sample = kinematics.estimate_sample(
+                tuple(readings),
+                sensors,
+                PAPER,
+                prior,
+                mode,
+                2e-3,
+            )
             answered += 1
             assert math.isfinite(sum(sample.quaternion) + sum(sample.parity_vector))
             assert sum(sample.covariance[::4]) > 0.0
@@ -211,7 +227,12 @@ def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
 
 def degenerate_pose(rng):
     """Find a pose at which the closed form's determinant vanishes."""
-    return pose_of_zero(lambda R: case_2_determinant(four_angles(R)), nominal(), rng, 0.1)
+    return pose_of_zero(
+        lambda R: case_2_determinant(four_angles(R)),
+        nominal(),
+        rng,
+        0.1,
+    )
 
 
 def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects():
@@ -367,7 +388,14 @@ def test_the_others_see_a_fault_of_a_sensor_far_better_than_they_are(mounted, pl
         wrong = list(readings)
         wrong[place] += change
         healthy, faulty = (
-            fit(*start_of(angles), angles, sensors, PAPER, (1, 1, 1), 1e-12)
+            fit(
+                *start_of(angles),
+                angles,
+                sensors,
+                PAPER,
+                (1, 1, 1),
+                1e-12,
+            )
             for angles in (readings, tuple(wrong))
         )
         parity_change = math.dist(faulty.parity_vector, healthy.parity_vector)

@@ -177,7 +177,11 @@ class Hosted:
     def restart_publisher(self, topic: str) -> None:
         """Have DDS report that another publisher has taken the place of the one of a topic."""
         self.matched[self.node.resolve_topic_name(topic)](
-            SimpleNamespace(current_count=1, current_count_change=0, total_count_change=1)
+            SimpleNamespace(
+                current_count=1,
+                current_count_change=0,
+                total_count_change=1,
+            )
         )
 
     def call(self, name: str) -> object:
@@ -243,7 +247,11 @@ class Hosted:
             if event_callbacks is not None:
                 self.matched[topic] = event_callbacks.matched
                 event_callbacks.matched(
-                    SimpleNamespace(current_count=1, current_count_change=1, total_count_change=1)
+                    SimpleNamespace(
+                        current_count=1,
+                        current_count_change=1,
+                        total_count_change=1,
+                    )
                 )
             return create(
                 node, kind, topic, callback, *args, event_callbacks=event_callbacks, **options

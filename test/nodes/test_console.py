@@ -27,7 +27,11 @@ def console(
         status=SimpleNamespace(caution=caution),
         protection_level=0.01,
         force_state=force,
-        latency_status=SimpleNamespace(parity=0.1, published=meter, latency=meter),
+        latency_status=SimpleNamespace(
+            parity=0.1,
+            published=meter,
+            latency=meter,
+        ),
     )
     driver = SimpleNamespace(
         state=encoders,

@@ -24,7 +24,11 @@ from std_msgs.msg import String
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
-THRESHOLDS = {'dexterity_warn': 0.06, 'dexterity_error': 0.03, 'dexterity_hysteresis': 0.1}
+THRESHOLDS = {
+    'dexterity_warn': 0.06,
+    'dexterity_error': 0.03,
+    'dexterity_hysteresis': 0.1,
+}
 
 
 @pytest.mark.parametrize(

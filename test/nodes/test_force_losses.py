@@ -130,7 +130,11 @@ class Rig:
     """Simulated encoders and drives, a master, and a client of its force feedback."""
 
     def __init__(self, start, channel, values):
-        bus = {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': 500.0}
+        bus = {
+            'can.interface': 'udp_multicast',
+            'can.channel': channel,
+            'rate': 500.0,
+        }
         drives = {'drives.rated_torque': [0.5], **values}
         force = {**force_client.FORCE, 'force.without_drives': False}
         force |= {name: drives.pop(name) for name in list(drives) if name.startswith('force.')}

@@ -196,7 +196,12 @@ def test_a_wrench_in_each_frame_of_a_mounted_device():
                 ('spatial', TABLE, 'spm_table'),
                 ('body', (POSE @ HANDLE).T, 'spm_handle'),
             ):
-                found = rig.rendered(count=1, on=on, topic=topic, frame=frame)
+                found = rig.rendered(
+                    count=1,
+                    on=on,
+                    topic=topic,
+                    frame=frame,
+                )
                 np.testing.assert_allclose(found, of_base @ in_base @ TORQUE, atol=1e-3)
                 assert rig.host.last(f'{on}/measured_cf').header.frame_id == name
 
@@ -395,7 +400,12 @@ def test_a_locked_orientation_pulls_and_is_let_go():
     with running(force__lock_stiffness=0.5) as rig:
         rig.engage()
         target = lock_at(36.0)
-        opposite = Quaternion(x=-target.x, y=-target.y, z=-target.z, w=-target.w)
+        opposite = Quaternion(
+            x=-target.x,
+            y=-target.y,
+            z=-target.z,
+            w=-target.w,
+        )
         for quaternion in (target, opposite, Quaternion(w=0.0)):
             # One that is no rotation changes nothing.
             rig.host.give('lock_orientation', quaternion)

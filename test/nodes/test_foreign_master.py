@@ -26,7 +26,12 @@ pytestmark = pytest.mark.process
 NODES = (1, 2, 3, 4)
 # Time that a busy machine may need for a program (s), and time-outs that it keeps.
 PATIENCE = 60.0
-SLOW = {'rate': 50.0, 'can.timeout': 0.5, 'encoders.window': 0.04, 'sample_timeout': 0.5}
+SLOW = {
+    'rate': 50.0,
+    'can.timeout': 0.5,
+    'encoders.window': 0.04,
+    'sample_timeout': 0.5,
+}
 POSE = workspace_pose(radians(5.0), 0.5, radians(20.0))
 
 
@@ -43,7 +48,12 @@ def test_encoders_without_any_optional_object_come_up_to_an_orientation(
             interface='udp_multicast',
         )
     )
-    angles = measured_angles(tuple(POSE.ravel().tolist()), Geometry(), (1, 1, 1), 4)
+    angles = measured_angles(
+        tuple(POSE.ravel().tolist()),
+        Geometry(),
+        (1, 1, 1),
+        4,
+    )
     for encoder, layout, angle in zip(encoders, LAYOUTS, angles, strict=True):
         encoder.counts = int.from_bytes(layout.data(angle), 'little')
 
@@ -59,7 +69,12 @@ def test_encoders_without_any_optional_object_come_up_to_an_orientation(
 
     orientations = observer.collect(QuaternionStamped, 'orientation')
     states = observer.collect(String, 'state', STATE)
-    parameters = {'source': 'can', 'can.sync': 'produce', **bus, **SLOW}
+    parameters = {
+        'source': 'can',
+        'can.sync': 'produce',
+        **bus,
+        **SLOW,
+    }
     master = start('master', *SIMULATED, parameters=parameters)
     found = observer.spin_until(lambda: len(orientations) > 20, PATIENCE)
     assert found, (master.stderr, [message.data for _, message in states])

@@ -48,7 +48,14 @@ def test_frames_with_a_prefix_are_those_that_the_files_do_not_name(file, compose
     def words(config=''):
         (found,) = [
             each
-            for each in plan('sim', config, '', 'left', composed, frame_prefix='left/')
+            for each in plan(
+                'sim',
+                config,
+                '',
+                'left',
+                composed,
+                frame_prefix='left/',
+            )
             if each.executable in ('fkm', 'master')
         ]
         return [word for word in found.arguments if ':=left/' in word]

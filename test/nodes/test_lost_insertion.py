@@ -124,7 +124,11 @@ def test_a_lost_insertion_ends_alone_and_the_orientation_goes_on(
     session = Session(observer)
     listener = Listener(bus_channel)
     stack.callback(listener.close)
-    bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel, 'rate': RATE}
+    bus = {
+        'can.interface': 'udp_multicast',
+        'can.channel': bus_channel,
+        'rate': RATE,
+    }
     bus |= {'insertion.id': SLIDE_ID, 'insertion.node_id': 6}
     fault = f'dropout:insertion@{SILENT_AT:g}+{SILENT_FOR:g}'
     with Disturbance(BESIDE_OTHERS) as machine:

@@ -170,7 +170,11 @@ def test_all_outputs_are_those_of_the_handle_on_the_table():
         assert np.all(outer[:3] == 0.0)
         assert np.all(outer[:, :3] == 0.0)
         assert np.diag(outer)[3:].min() > 0.0
-        np.testing.assert_allclose(outer[3:, 3:], TABLE @ inner[3:, 3:] @ TABLE.T, atol=1e-15)
+        np.testing.assert_allclose(
+            outer[3:, 3:],
+            TABLE @ inner[3:, 3:] @ TABLE.T,
+            atol=1e-15,
+        )
     for before, after in zip(plain['measured_cv'], mounted['measured_cv'], strict=True):
         np.testing.assert_allclose(angular(after), TABLE @ angular(before), atol=1e-9)
 
@@ -186,7 +190,11 @@ def test_the_covariance_is_the_scatter_that_the_orientations_have():
     vectors = 0.5 * np.array(
         [[t[2, 1] - t[1, 2], t[0, 2] - t[2, 0], t[1, 0] - t[0, 1]] for t in turns]
     )
-    np.testing.assert_allclose(vectors.std(axis=0), np.sqrt(np.diag(covariance)[3:]), rtol=0.15)
+    np.testing.assert_allclose(
+        vectors.std(axis=0),
+        np.sqrt(np.diag(covariance)[3:]),
+        rtol=0.15,
+    )
 
 
 @pytest.mark.parametrize('is_installed', [True, False])

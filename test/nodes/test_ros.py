@@ -196,7 +196,12 @@ def test_what_is_not_there_is_named_in_one_line(device, run, monkeypatch, comman
 def test_a_reader_that_ends_early_leaves_no_traceback(device):
     """As `ros topic echo orientation | head -1`."""
     command = executable('ros', 'topic', 'echo', 'orientation')
-    echo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    echo = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert echo.stdout.readline() == 'header:\n'
     echo.stdout.close()
     assert (echo.wait(60.0), echo.stderr.read()) == (0, '')

@@ -453,7 +453,12 @@ def components(vector):
 
 
 def test_the_hand_feels_the_slave_while_it_leads_it(monkeypatch):
-    with device(monkeypatch, *POWERED, *AT_REST, 'teleop.force_scale:=0.5') as rig:
+    with device(
+        monkeypatch,
+        *POWERED,
+        *AT_REST,
+        'teleop.force_scale:=0.5',
+    ) as rig:
         host = rig.host
         felt = []
 

@@ -103,7 +103,11 @@ def running(request):
     out = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
     values = [KeyValue(key='calibration', value='rig 7')]
     entries = [
-        DiagnosticStatus(level=request.param, name='fkm: orientation', message='healthy'),
+        DiagnosticStatus(
+            level=request.param,
+            name='fkm: orientation',
+            message='healthy',
+        ),
         DiagnosticStatus(
             level=OK, name='encoder_driver: encoders', message='publishing', values=values
         ),
@@ -117,7 +121,11 @@ def running(request):
     device.close()
 
 
-@pytest.mark.parametrize(('running', 'code'), [(OK, 0), (ERROR, 1)], indirect=['running'])
+@pytest.mark.parametrize(
+    ('running', 'code'),
+    [(OK, 0), (ERROR, 1)],
+    indirect=['running'],
+)
 def test_the_exit_code_says_whether_all_is_well(running, code, capfd):
     assert exit_code(status.main, 'status', '--seconds', '2') == code
     out = capfd.readouterr().out

@@ -40,7 +40,12 @@ ADDRESSES = {'driver': '10.77.0.1/24', 'controller': '10.77.0.2/24'}
 
 
 def ip(*args: str) -> None:
-    subprocess.run(['ip', *args], check=True, capture_output=True, text=True)
+    subprocess.run(
+        ['ip', *args],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
 
 
 class Host:

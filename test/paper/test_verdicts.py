@@ -36,7 +36,13 @@ def paper(tmp_path, monkeypatch):
             monkeypatch.setattr(
                 f'paper.{name}.entries',
                 lambda out, number=number: [
-                    Entry((number,), 'what', 'a', 'b', found if number == 27 else Verdict.AGREES)
+                    Entry(
+                        (number,),
+                        'what',
+                        'a',
+                        'b',
+                        found if number == 27 else Verdict.AGREES,
+                    )
                 ],
             )
         monkeypatch.setattr(

@@ -203,7 +203,12 @@ def test_a_shared_file_may_have_sections_for_other_programs(write):
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_the_driver_has_the_defaults_of_its_source(sensors):
     settings, values = resolve_source(
-        {'source': 'can', **simulated_rig(sensors), 'rate': 500.0, 'sensors': sensors}
+        {
+            'source': 'can',
+            **simulated_rig(sensors),
+            'rate': 500.0,
+            'sensors': sensors,
+        }
     )
     assert {setting.name for setting in settings} == set(values)
     # Identifiers count up, all else of further sensors is as of the fourth.

@@ -9,7 +9,11 @@ from benchmarks.pipeline.child_process import parameter_arguments
 
 from refusals.refusal import argument, CAN, parameter, Refusal, SIM
 
-FORCE = {'force.enabled': True, 'force.without_drives': True, 'crtk_rate': 0.0}
+FORCE = {
+    'force.enabled': True,
+    'force.without_drives': True,
+    'crtk_rate': 0.0,
+}
 CHECK = Path(__file__).resolve().parents[2] / 'config' / 'simulated_check.json'
 ONE_BUS = {
     **CAN,

@@ -40,14 +40,28 @@ def argument(program, given, what, refused, why, message):
 
 def parameter(program, parameters, what, refused, why, message):
     """Return the refusal of a parameter."""
-    return Refusal(program, parameter_arguments(parameters), what, refused, why, message)
+    return Refusal(
+        program,
+        parameter_arguments(parameters),
+        what,
+        refused,
+        why,
+        message,
+    )
 
 
 def driver(what, value, refused, why, message, **others):
     """Return the refusal of a parameter of a driver on a bus; in names, __ stands for a dot."""
     given = {name.replace('__', '.'): value for name, value in others.items()}
     parameters = {**CAN, **given, what: value}
-    return parameter('encoder_driver', parameters, what, refused, why, message)
+    return parameter(
+        'encoder_driver',
+        parameters,
+        what,
+        refused,
+        why,
+        message,
+    )
 
 
 def of_file(program, content, refused, why, message, arguments=()):
@@ -66,4 +80,11 @@ def of_file(program, content, refused, why, message, arguments=()):
 def option(program, name, value, why, message):
     """Return the refusal of an option of a tool."""
     needed = ('-o', 'a.yaml') if program == 'calibrate' and name != '-o' else ()
-    return Refusal(program, (*needed, name, *value.split()), name, value, why, message)
+    return Refusal(
+        program,
+        (*needed, name, *value.split()),
+        name,
+        value,
+        why,
+        message,
+    )

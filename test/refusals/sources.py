@@ -37,7 +37,11 @@ SOURCES = (
     ),
     parameter(
         'encoder_driver',
-        {**SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': [0.0, 170.0, 0.0]},
+        {
+            **SIM,
+            'sim.trajectory': 'fixed',
+            'sim.pose_deg': [0.0, 170.0, 0.0],
+        },
         'sim.pose_deg',
         'out of reach',
         'the mechanism has no such pose',
@@ -80,7 +84,12 @@ SOURCES = (
     ),
     parameter(
         'encoder_driver',
-        {**SIM, 'sim.trajectory': 'sweep', 'sim.tilt_max_deg': 26.0, 'geometry.alpha_deg': 31.0},
+        {
+            **SIM,
+            'sim.trajectory': 'sweep',
+            'sim.tilt_max_deg': 26.0,
+            'geometry.alpha_deg': 31.0,
+        },
         'sim.trajectory',
         "a motion beyond the mechanism's reach",
         'the mechanism has no such pose',

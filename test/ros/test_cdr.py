@@ -24,7 +24,15 @@ def numbers(seed, count=4):
 
 
 def joints(stamp=0, position=(0.1, -0.2, 0.3, -0.4), name=JOINT_NAMES, frame='', **more):
-    return framed(JointState(name=list(name), position=list(position), **more), frame, stamp)
+    return framed(
+        JointState(
+            name=list(name),
+            position=list(position),
+            **more,
+        ),
+        frame,
+        stamp,
+    )
 
 
 def framed(message, frame, stamp=STAMPS[3]):

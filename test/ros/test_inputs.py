@@ -78,7 +78,14 @@ def test_an_input_follows_a_publisher_and_reports_when_it_has_gone(rig, wanted, 
     heard = []
     gone = []
     found = Inputs(node)
-    found.subscribe(String, 'topic', heard.append, wanted, raw=raw, gone=lambda: gone.append(1))
+    found.subscribe(
+        String,
+        'topic',
+        heard.append,
+        wanted,
+        raw=raw,
+        gone=lambda: gone.append(1),
+    )
     out = other.create_publisher(String, '/left/topic', offered)
     message = String(data='a')
     assert spin_until(lambda: found.unheard() or out.publish(message) or heard)

@@ -15,9 +15,32 @@ from spm_haptic_master.parameters.setting import Setting
 from spm_haptic_master.ros.parameters import ParameterNode
 
 SETTINGS = (
-    Setting('speed', float, 'Speed (m/s)', 1.0, minimum=0.5, maximum=9.0, live=True),
-    Setting('number', int, 'Number of things', 3, minimum=1, maximum=5, live=True),
-    Setting('word', str, 'A word', 'a', allowed=('a', 'b'), live=True),
+    Setting(
+        'speed',
+        float,
+        'Speed (m/s)',
+        1.0,
+        minimum=0.5,
+        maximum=9.0,
+        live=True,
+    ),
+    Setting(
+        'number',
+        int,
+        'Number of things',
+        3,
+        minimum=1,
+        maximum=5,
+        live=True,
+    ),
+    Setting(
+        'word',
+        str,
+        'A word',
+        'a',
+        allowed=('a', 'b'),
+        live=True,
+    ),
     Setting('fixed', float, 'Never changes', 2.0, minimum=0.0),
     Setting('angles', float, 'Angles (deg)', [1.0, 2.0], count=2),
 )

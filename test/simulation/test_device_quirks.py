@@ -69,7 +69,11 @@ def test_E6_phases_without_sync(run, encoders, driver):
     given = {'encoders__sync_id': 0, 'rate': 10.0}
     with encoders(quirks=('phases',), seed=44, **given):
         code, text = run(can_scan, '--start', '-p', 'encoders.sync_id:=0', rate=10.0)
-        with driver(encoders__sync_id=0, can__sync='consume', rate=10.0) as source:
+        with driver(
+            encoders__sync_id=0,
+            can__sync='consume',
+            rate=10.0,
+        ) as source:
             words = fault_of(source, 'without SYNC joint_')
     assert code == 1
     assert 'SYNC is needed' in words
@@ -80,7 +84,12 @@ def test_E6_phases_without_sync(run, encoders, driver):
 
 
 def test_E7_one_timer(run, encoders):
-    with encoders(factory=True, quirks=('one_timer',), encoders__sync_id=0, rate=50.0) as nodes:
+    with encoders(
+        factory=True,
+        quirks=('one_timer',),
+        encoders__sync_id=0,
+        rate=50.0,
+    ) as nodes:
         assert run(can_setup, '--write', '-p', 'encoders.sync_id:=0')[0] == 0
         assert nodes[0].value(0x1800, 5) == nodes[0].value(0x6200, 0) == 20
 

@@ -77,7 +77,12 @@ def test_each_sensor_has_its_own_errors():
 
 
 def test_play_follows_across_half_a_turn(monkeypatch):
-    motion = NoisyMotion(sweep(0.0), Rig(Geometry(), (SensorErrors(play=0.01),)), 1, (1, 1, 1))
+    motion = NoisyMotion(
+        sweep(0.0),
+        Rig(Geometry(), (SensorErrors(play=0.01),)),
+        1,
+        (1, 1, 1),
+    )
     monkeypatch.setattr(motion, 'joints', lambda t: (t,))
     found = [motion.angles(angle)[0] for angle in (pi - 0.001, -pi + 0.003, -pi + 0.02)]
     assert found == pytest.approx([pi - 0.001, -pi - 0.001, -pi + 0.015])

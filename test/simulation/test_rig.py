@@ -79,7 +79,12 @@ def test_a_written_rig_is_read_again(count, tmp_path):
         made,
         sensors=(
             *made.sensors[:-1],
-            replace(made.sensors[-1], play=0.002, resolution=0.003, delay=0.004),
+            replace(
+                made.sensors[-1],
+                play=0.002,
+                resolution=0.003,
+                delay=0.004,
+            ),
         ),
     )
     path.write_text(rig.rig_text(made))

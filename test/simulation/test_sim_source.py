@@ -80,7 +80,12 @@ def test_the_harmonics_of_the_rig_are_corrected_as_the_file_says():
 def test_the_bus_is_a_source_with_or_without_sync_from_here(monkeypatch, given, text, produce):
     made = []
     monkeypatch.setattr(source_factory, 'CanSource', lambda **given: made.append(given))
-    checked = values('can', rate=100.0, can__timeout=0.02, **given)
+    checked = values(
+        'can',
+        rate=100.0,
+        can__timeout=0.02,
+        **given,
+    )
     make_source('can', checked)
     (source,) = made
     assert source_text('can', checked) == text
@@ -111,10 +116,18 @@ def test_samples_come_at_the_rate_with_the_angles_of_their_time(monkeypatch):
         late = 13.0 if len(sleeps) == 50 else 3.0 if len(sleeps) % 10 == 5 else 0.1
         now[0] += round((seconds + 1e-3 * late) * SECOND)
 
-    clock = SimpleNamespace(monotonic=lambda: 1e-9 * now[0], time_ns=lambda: now[0], sleep=sleep)
+    clock = SimpleNamespace(
+        monotonic=lambda: 1e-9 * now[0],
+        time_ns=lambda: now[0],
+        sleep=sleep,
+    )
     monkeypatch.setattr(timing, 'time', clock)
     monkeypatch.setattr(sim_source, 'time', clock)
-    source = source_of(rate=200.0, sim__noise_deg=0.0, sim__trajectory='perturbed')
+    source = source_of(
+        rate=200.0,
+        sim__noise_deg=0.0,
+        sim__trajectory='perturbed',
+    )
     motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='perturbed'))
     assert source.orientation() == motion.orientation(0.0)
     samples = read(source, 100)
@@ -158,7 +171,11 @@ def test_encoders_that_do_not_answer_have_no_reading(sensors, gone, goes_on):
 
 
 def test_faults_come_and_go():
-    source = source_of(rate=500.0, sim__noise_deg=0.0, sim__trajectory='sweep')
+    source = source_of(
+        rate=500.0,
+        sim__noise_deg=0.0,
+        sim__trajectory='sweep',
+    )
     read(source, 1)
     source.faults = (parse_switched('stuck:joint_1b'), parse_switched('offset:joint_3a=5'))
     faulty = read(source, 20)

@@ -30,7 +30,14 @@ def bus_of(*faults, node_ids=(1, 2, 3, 4), layouts=LAYOUTS, factory=False):
     """Return encoders that are switched on, at rest, without noise."""
     motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='fixed'))
     options = NodeOptions(factory=factory, heartbeat=HEARTBEAT)
-    bus = SimulatedBus(layouts, node_ids, motion, tuple(map(parse_fault, faults)), 1, options)
+    bus = SimulatedBus(
+        layouts,
+        node_ids,
+        motion,
+        tuple(map(parse_fault, faults)),
+        1,
+        options,
+    )
     bus.boot()
     return bus
 
@@ -157,7 +164,12 @@ def test_emergencies_boot_ups_and_error_frames_are_sent_once():
 
 def test_a_stuck_counter_repeats_its_value_in_the_second_pdo():
     layouts = tuple(
-        replace(layout, can_id=layout.can_id + 0x100, counter_byte=3, counter_mask=0xF0)
+        replace(
+            layout,
+            can_id=layout.can_id + 0x100,
+            counter_byte=3,
+            counter_mask=0xF0,
+        )
         for layout in LAYOUTS
     )
     bus = bus_of('counter:joint_1a@1', layouts=layouts)
@@ -192,7 +204,12 @@ def test_what_is_not_for_the_encoders_is_ignored():
     bus = bus_of()
     for changes in ({'is_extended_id': True}, {'is_remote_frame': True}, {'is_error_frame': True}):
         message = can.Message(
-            **{'arbitration_id': 0, 'is_extended_id': False, 'data': b'\1\0', **changes}
+            **{
+                'arbitration_id': 0,
+                'is_extended_id': False,
+                'data': b'\1\0',
+                **changes,
+            }
         )
         assert bus.receive(message) == []
     assert bus.cycle(10.0) == []

@@ -271,4 +271,9 @@ def run(
     if spoil is not None:
         spoil(readings)
     times = stamps(len(readings), rate) if times is None else times
-    return Outcome(rotations[keep], readings[keep], times[keep], **parameters)
+    return Outcome(
+        rotations[keep],
+        readings[keep],
+        times[keep],
+        **parameters,
+    )

@@ -132,7 +132,12 @@ def test_a_wrong_sensor_before_the_start_is_a_fault_that_stays(change):
 
 def test_with_start_checked_nothing_is_published_before_every_sensor_was_checked():
     # Half a turn through the place where th3A is checked: the motion confirms the solution.
-    found = run('through', seconds=2.5, start_checked=True, alert_limit_deg=2.0)
+    found = run(
+        'through',
+        seconds=2.5,
+        start_checked=True,
+        alert_limit_deg=2.0,
+    )
     first = np.flatnonzero(found.published)[0]
     assert np.isfinite(found.result.unchecked[first]).all()
     assert 'silent: joint_3a not checked yet' in found.states
@@ -159,7 +164,12 @@ def test_two_sensors_that_jump_during_another_fault_stay_one_as_well():
 )
 def test_two_of_four_that_jump_and_cancel_wait_for_an_acknowledgement(kind, rate):
     half = round(0.5 * rate)
-    found = run(kind, seconds=1.0, rate=rate, change=offset(half, [0, 1], [2.0, -1.87]))
+    found = run(
+        kind,
+        seconds=1.0,
+        rate=rate,
+        change=offset(half, [0, 1], [2.0, -1.87]),
+    )
     # Two readings after a step make it certain.
     assert not found.published[half + 2 :].any()
     assert found.states[-1] == 'silent: joint_1a and joint_1b jumped, to be acknowledged'

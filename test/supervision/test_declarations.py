@@ -31,16 +31,13 @@ def test_the_level_is_the_largest_part_and_that_of_healthy_sensors_at_least():
 
 
 def test_a_declared_skew_adds_to_the_level_with_the_speed():
-    added = {
-        kind: np.subtract(
-            *(
-                run(kind, seconds=1.0, skew=skew, alert_limit_deg=10.0).level[500:].mean()
-                for skew in (0.003, 0.0)
-            )
-        )
-        for kind in ('fast', 'rest')
-    }
-    assert added['fast'] > 2.0 * added['rest'] > 0.0
+    def level(kind, skew):
+        found = run(kind, seconds=1.0, skew=skew, alert_limit_deg=10.0)
+        return found.level[500:].mean()
+
+    fast = level('fast', 0.003) - level('fast', 0.0)
+    rest = level('rest', 0.003) - level('rest', 0.0)
+    assert fast > 2.0 * rest > 0.0
 
 
 @pytest.mark.parametrize(('factor', 'counts'), [(1.15, False), (2.0, True)])

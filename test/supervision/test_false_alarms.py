@@ -67,7 +67,13 @@ def test_a_declared_skew_between_encoders_is_allowed_for():
     def late(angles):
         angles[1:, 3] = angles[:-1, 3].copy()
 
-    outcome = device.run('fast', seconds=1.0, change=late, skew=0.002, alert_limit_deg=3.0)
+    outcome = device.run(
+        'fast',
+        seconds=1.0,
+        change=late,
+        skew=0.002,
+        alert_limit_deg=3.0,
+    )
     assert outcome.published[10:].mean() > 0.999
 
 
@@ -224,7 +230,14 @@ def test_after_an_interference_orientations_come_again_by_themselves(sensors, ki
                     -1.0, 1.0, (span.stop - span.start, len(wrong))
                 )
 
-        outcome = device.run(kind, sensors, seconds, seed=seed, spoil=change, keep=keep)
+        outcome = device.run(
+            kind,
+            sensors,
+            seconds,
+            seed=seed,
+            spoil=change,
+            keep=keep,
+        )
         if (sensors, kind) == (4, 'rest') and 'waits until checked' in outcome.states[-1]:
             assert 'turn the handle' in outcome.states[-1], seed
             hidden = {JOINT_NAMES[place] for place in np.flatnonzero(outcome.result.unchecked[-1])}

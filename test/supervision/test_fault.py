@@ -35,7 +35,11 @@ def test_a_fault_is_over_after_its_recovery_which_a_bad_sample_begins_again():
 
 @pytest.mark.parametrize('pause', [1, 600])
 def test_a_fault_is_over_after_a_pause_and_where_the_device_has_not_moved_yet(pause):
-    rig = Rig(healthy=False, recovery=RECOVERY, alert_limit_deg=2.0)
+    rig = Rig(
+        healthy=False,
+        recovery=RECOVERY,
+        alert_limit_deg=2.0,
+    )
     rig.samples(100)
     rig.samples(10, th1b=5.0)
     assert rig.state == 'silent: joint_1b jumped'
@@ -82,7 +86,11 @@ def test_two_that_jumped_and_stay_wait_for_a_person_and_then_for_the_recovery():
 
 
 def test_after_an_acknowledgement_it_lasts_until_the_others_see_every_sensor():
-    rig = Rig(pose=(0.0, 0.0, SINGULAR), recovery=RECOVERY, alert_limit_deg=2.0)
+    rig = Rig(
+        pose=(0.0, 0.0, SINGULAR),
+        recovery=RECOVERY,
+        alert_limit_deg=2.0,
+    )
     rig.samples(100, th1a=2.0, th1b=-2.0)
     assert rig.supervisor.acknowledge().ended
     assert until_healthy(rig, th1a=2.0, th1b=-2.0) is None

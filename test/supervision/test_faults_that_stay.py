@@ -47,7 +47,12 @@ def test_a_fault_is_cleared_only_after_a_time_of_consistency():
 @pytest.mark.parametrize('gap', [200, 450, 2000])
 def test_after_a_gap_jumps_are_detected_as_before(gap):
     times = paused(1000, (500, gap))
-    outcome = run('singular', seconds=1.0, change=offset(530, 3, 1.0), times=times)
+    outcome = run(
+        'singular',
+        seconds=1.0,
+        change=offset(530, 3, 1.0),
+        times=times,
+    )
     assert outcome.published[505:530].all()
     assert not outcome.published[530:].any()
     assert 'joint_3a jumped' in outcome.states[-1]

@@ -69,7 +69,14 @@ def test_six_go_on_within_a_window_without_one_that_is_stuck(motion, sensor):
     kind, rate = motion
     seconds = 1.6 + 0.1 * sensor
     begin = round(seconds * rate) // 2
-    found = run(kind, 6, seconds, rate, spoil=stuck(begin, sensor), seed=sensor)
+    found = run(
+        kind,
+        6,
+        seconds,
+        rate,
+        spoil=stuck(begin, sensor),
+        seed=sensor,
+    )
     assert found.longest_silence(begin) <= max(0.02 * rate, 10.0) + 1.0
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
 

@@ -11,7 +11,12 @@ from rig import few
 
 @pytest.mark.parametrize(
     ('place', 'gap', 'wrong'),
-    few(['singular', 'rest', 'sweep'], [6, 20, 200, 700], [1, 2], count=6),
+    few(
+        ['singular', 'rest', 'sweep'],
+        [6, 20, 200, 700],
+        [1, 2],
+        count=6,
+    ),
 )
 def test_a_jump_that_a_gap_interrupts_does_not_come_through_after_it(place, gap, wrong):
     """Neither where no parity shows it (joint_3a at the singularity) nor anywhere else."""
@@ -28,7 +33,12 @@ def test_a_step_behind_a_gap_is_seen_at_the_singularity(missing):
     """One lost sample let a step of 1 deg pass, five one of 2 deg."""
     keep = np.ones(800, bool)
     keep[400 - missing : 400] = False
-    outcome = run('singular', seconds=0.8, change=offset(400, 3, 2.0), keep=keep)
+    outcome = run(
+        'singular',
+        seconds=0.8,
+        change=offset(400, 3, 2.0),
+        keep=keep,
+    )
     assert np.nanmax(outcome.error) < 0.25
     assert 'joint_3a jumped' in outcome.states[-1]
 

@@ -65,7 +65,12 @@ def test_a_human_motion_is_followed(noise, bits, dt):
     time = times(2000, dt)
     for hertz, amplitude in ((0.1, 2.0), (2.0, 1.5), (8.0, 0.17)):
         angles = amplitude * np.sin(2.0 * pi * hertz * time)
-        seen = follow(joint(radians(noise)), encoder(angles, noise, bits), dt, dt)
+        seen = follow(
+            joint(radians(noise)),
+            encoder(angles, noise, bits),
+            dt,
+            dt,
+        )
         assert not seen['away'].any()
         assert not seen['step'].any()
 
@@ -220,7 +225,19 @@ def test_a_fast_joint_may_be_off_by_what_the_jitter_of_the_stamps_explains(jitte
     period = 0.001
     for number in range(100):
         angles = place + velocity * period * number
-        supervisor.joints.follow(tuple(angles.tolist()), period, period, 0.0, ())
+        supervisor.joints.follow(
+            tuple(angles.tolist()),
+            period,
+            period,
+            0.0,
+            (),
+        )
     ahead = place + velocity * (period * 100 + 0.003)
-    found, _ = supervisor.joints.follow(tuple(ahead.tolist()), period, period, jitter, ())
+    found, _ = supervisor.joints.follow(
+        tuple(ahead.tolist()),
+        period,
+        period,
+        jitter,
+        (),
+    )
     assert found == away

@@ -96,7 +96,12 @@ def test_an_inconsistent_sample_is_not_in_the_mean(time, step, samples):
     zeros = np.zeros((samples - 1, 1))
     check(parities, zeros, step=step, first=after)
     assert parities.mean == pytest.approx((0.5 / samples, 0.0, 0.0))
-    check(parities, zeros[:1], step=step, first=(199 + samples) * step)
+    check(
+        parities,
+        zeros[:1],
+        step=step,
+        first=(199 + samples) * step,
+    )
     assert parities.mean == pytest.approx((0.0, 0.0, 0.0))
 
 

@@ -143,7 +143,12 @@ def largest_error_over_level(sensors, bias, sigma, alert, pose):
 
 @pytest.mark.parametrize(
     ('noise', 'alert', 'sensors'),
-    few([(0.05, 0.04), (0.1, 0.02), (0.1, 0.01), (0.05, 0.005)], [0.5, 1.0], [4, 5, 6], count=6),
+    few(
+        [(0.05, 0.04), (0.1, 0.02), (0.1, 0.01), (0.05, 0.005)],
+        [0.5, 1.0],
+        [4, 5, 6],
+        count=6,
+    ),
 )
 def test_no_undetected_fault_is_beyond_the_level_whatever_the_signs_of_the_biases(
     noise, alert, sensors

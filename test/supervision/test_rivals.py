@@ -22,7 +22,11 @@ FINE = {'sigma_deg': [0.006] * 4, 'bias_deg': [0.01] * 4}
 def at(phi, tilt=0.0, azimuth=0.0):
     """Return the poses of self-rotations, at a tilt in a direction, deg, (n, 3, 3)."""
     phi = np.radians(np.asarray(phi, float))
-    return workspace_pose(0.0 * phi + np.radians(tilt), 0.0 * phi + np.radians(azimuth), phi)
+    return workspace_pose(
+        0.0 * phi + np.radians(tilt),
+        0.0 * phi + np.radians(azimuth),
+        phi,
+    )
 
 
 def to_and_fro(phi, amplitude, samples, rest):
@@ -114,7 +118,12 @@ def test_v3_three_sensors_that_lose_samples_at_the_singularity_give_no_orientati
     phi = np.concatenate([to_and_fro(25.0, 8.0, 300, 300), 25.0 + 0.3 * np.arange(200.0)])
     keep = np.ones(len(phi), bool)
     keep[650 : 650 + lost] = False
-    found = run(at(phi), change=offset(400, 3, 20.0), keep=keep, degraded='allow')
+    found = run(
+        at(phi),
+        change=offset(400, 3, 20.0),
+        keep=keep,
+        degraded='allow',
+    )
     assert 'degraded: joint_3a excluded' in found.states
     assert found.within_level
 
@@ -150,7 +159,13 @@ def test_vx_a_stuck_sensor_of_five_is_never_found_by_one_sample_that_fits(speed)
                     readings[300:, sensor] = readings[299, sensor]
 
                 rotations = about(pose, np.array(axis), angle)
-                found = run(rotations, 5, spoil=stick, degraded='allow', seed=sensor)
+                found = run(
+                    rotations,
+                    5,
+                    spoil=stick,
+                    degraded='allow',
+                    seed=sensor,
+                )
                 if found is None:
                     continue
                 assert not wrong_while_checked(found, sensor)
@@ -167,7 +182,13 @@ def test_a_drift_of_th3a_through_the_singularity_is_detected_or_declared():
         def drift(angles):
             angles[800:, 3] += np.radians(30.0) * np.minimum(1e-3 * np.arange(1000), 1.0)
 
-        found = run(at(phi, tilt, azimuth), change=drift, noise=0.006, bits=17, **FINE)
+        found = run(
+            at(phi, tilt, azimuth),
+            change=drift,
+            noise=0.006,
+            bits=17,
+            **FINE,
+        )
         assert not wrong_while_checked(found, 3)
 
 
@@ -188,13 +209,22 @@ def test_vx_no_healthy_sensor_of_five_is_excluded_for_one_that_sticks(name):
     index = np.arange(650)
     to_and_fro_first = 6.0 * np.sin(np.pi * np.minimum(index / 200.0, 1.0)) ** 2
     turn = np.radians(to_and_fro_first) + speed * np.maximum(index - 250, 0) * 1e-3
-    rotations = about(workspace_pose(*np.radians(pose)), np.array(axis), np.minimum(turn, 1.0))
+    rotations = about(
+        workspace_pose(*np.radians(pose)),
+        np.array(axis),
+        np.minimum(turn, 1.0),
+    )
     angles = joint_angles(rotations, 5)
     reached = np.isfinite(angles).all(axis=1)
     count = len(reached) if reached.all() else int(np.argmin(reached))
     readings = encoders(angles[:count], seed=seed)
     readings[260:, sensor] = readings[260, sensor]
-    found = Outcome(rotations[:count], readings, paused(count), degraded='allow')
+    found = Outcome(
+        rotations[:count],
+        readings,
+        paused(count),
+        degraded='allow',
+    )
     excluded = [text for text in found.states if 'excluded' in text]
     assert all(NAMES[sensor][2:] in text for text in excluded), found.states
 
@@ -370,7 +400,11 @@ def test_s6_stamps_that_go_back_are_silence_within_20_ms(rate):
 
 def test_a_solution_that_noise_hides_once_is_found_with_the_next_sample():
     """A hypothesis was over after one look, and its sensor checked for good."""
-    rig = Rig(pose=(0.0, 0.0, 20.0), healthy=False, alert_limit_deg=2.0)
+    rig = Rig(
+        pose=(0.0, 0.0, 20.0),
+        healthy=False,
+        alert_limit_deg=2.0,
+    )
     sensors = rig.supervisor._sensors
     without_th3a = sensors.without(3)
     every = without_th3a.every

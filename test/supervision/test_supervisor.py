@@ -20,7 +20,12 @@ PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']
 
 @pytest.mark.parametrize(('place', 'sensor', 'step'), few(PLACES, SENSORS, [1.0, -3.0, 30.0]))
 def test_a_step_is_detected_and_a_large_one_at_once_and_named(place, sensor, step):
-    outcome = run(place, seconds=0.25, change=offset(150, sensor, step), seed=sensor)
+    outcome = run(
+        place,
+        seconds=0.25,
+        change=offset(150, sensor, step),
+        seed=sensor,
+    )
     assert outcome.published[5:150].all()
     assert outcome.longest_undeclared(sensor) <= 0.02
     if abs(step) > 1.0:
@@ -40,7 +45,12 @@ def test_a_step_is_detected_and_a_large_one_at_once_and_named(place, sensor, ste
 )
 def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, step, seeds):
     for seed in seeds:
-        outcome = run(place, seconds=0.4, change=offset(150, sensor, step), seed=seed)
+        outcome = run(
+            place,
+            seconds=0.4,
+            change=offset(150, sensor, step),
+            seed=seed,
+        )
         detected = np.flatnonzero(~outcome.published[150:])
         late = slice(150 + (detected[0] if len(detected) else 0), None)
         assert not np.any(outcome.error[late] > outcome.level[late])
@@ -49,7 +59,13 @@ def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, s
 @pytest.mark.parametrize(('rate', 'sensor'), few([100.0, 250.0, 1000.0, 4000.0], SENSORS))
 def test_the_time_to_alert_holds_at_every_rate(rate, sensor):
     count = int(min(2.0 * rate, 900.0))
-    outcome = run('turning', 4, count / rate, rate, offset(count // 2, sensor, 1.5))
+    outcome = run(
+        'turning',
+        4,
+        count / rate,
+        rate,
+        offset(count // 2, sensor, 1.5),
+    )
     assert outcome.longest_undeclared(sensor, rate) <= max(0.02, 10.0 / rate)
     assert not outcome.published[count * 2 // 3 :].any()
 
@@ -97,7 +113,11 @@ def constant(first, sensor, value):
 
 @pytest.mark.parametrize(
     ('fault', 'kind', 'sensor'),
-    few([(noisy, 2.0), (constant, 0.0), (constant, 2.0 * np.pi)], ['crossing', 'sweep'], SENSORS),
+    few(
+        [(noisy, 2.0), (constant, 0.0), (constant, 2.0 * np.pi)],
+        ['crossing', 'sweep'],
+        SENSORS,
+    ),
 )
 def test_wrong_values_are_published_no_longer_than_the_time_to_alert(fault, kind, sensor):
     change, size = fault
@@ -137,7 +157,12 @@ def test_th3a_stuck_at_the_singularity_is_frozen_or_declared_unchecked(noise):
 
 
 def test_a_fault_that_the_parity_cannot_show_is_not_cleared():
-    outcome = run('singular', seconds=1.5, change=offset(500, 3, 2.0), recovery=0.5)
+    outcome = run(
+        'singular',
+        seconds=1.5,
+        change=offset(500, 3, 2.0),
+        recovery=0.5,
+    )
     assert not outcome.published[500:].any()
     assert 'joint_3a jumped' in outcome.states[-1]
 
@@ -167,7 +192,12 @@ def test_only_with_its_own_mechanism_a_rig_is_published():
 
 @pytest.mark.parametrize('sensor', few(SENSORS, count=1))
 def test_a_value_stuck_before_its_noise_is_known_is_detected_by_the_others(sensor):
-    outcome = run('turning', seconds=1.1, spoil=stuck(1000, sensor), seed=sensor)
+    outcome = run(
+        'turning',
+        seconds=1.1,
+        spoil=stuck(1000, sensor),
+        seed=sensor,
+    )
     assert outcome.published[5:1000].all()
     assert not outcome.published[1060:].any()
     assert outcome.longest_undeclared(sensor) <= 0.02

@@ -96,7 +96,12 @@ def test_the_state_is_not_degraded_while_nothing_is_published():
 def test_without_th3a_it_stops_before_the_singularity(limits, reason, between):
     phi = SINGULAR - 30.0 + 30.0 * np.sin(2.0 * np.pi * 0.2 * np.arange(1125) * 2e-3)
     rotations = workspace_pose(0.0 * phi, 0.0 * phi, np.radians(phi))
-    found = run(rotations, change=offset(100, 3, 3.0), degraded='allow', **limits)
+    found = run(
+        rotations,
+        change=offset(100, 3, 3.0),
+        degraded='allow',
+        **limits,
+    )
     last = np.flatnonzero(found.published)[-1]
     assert between[0] < phi[last] < between[1]
     assert found.within_level

@@ -306,7 +306,11 @@ def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     assert np.all(np.abs(np.diff(rates)) <= acceleration * times * (1.0 + 1e-6) + 1e-4)
     # Then they are one.
     rig.run(600, (0.02, 0.0, 0.0))
-    np.testing.assert_allclose(rig.commands[-1][1] @ rig.master.T, np.eye(3), atol=5e-4)
+    np.testing.assert_allclose(
+        rig.commands[-1][1] @ rig.master.T,
+        np.eye(3),
+        atol=5e-4,
+    )
 
 
 def test_a_jump_of_the_master_is_slewed_or_disengages():

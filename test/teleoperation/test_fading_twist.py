@@ -21,7 +21,11 @@ def end_of(twist):
 
 
 def test_a_twist_ends_at_zero_and_stops():
-    twist = FadingTwist(acceleration=100.0, sliding_acceleration=1.0, zeros=3)
+    twist = FadingTwist(
+        acceleration=100.0,
+        sliding_acceleration=1.0,
+        zeros=3,
+    )
     assert twist.fade(DT) is None
     assert twist.follow(Motion((0.0, 0.2, 0.0)), DT).angular == (0.0, 0.2, 0.0)
     for _ in range(2):
@@ -34,7 +38,11 @@ def test_a_twist_ends_at_zero_and_stops():
 
 
 def test_a_twist_ends_soon_however_small_the_acceleration():
-    twist = FadingTwist(acceleration=2.0, sliding_acceleration=1.0, zeros=1)
+    twist = FadingTwist(
+        acceleration=2.0,
+        sliding_acceleration=1.0,
+        zeros=1,
+    )
     while twist.follow(Motion((0.0, 0.0, 3.0)), 0.1).angular[2] < 3.0:
         pass
     speeds = [motion.angular[2] for motion in end_of(twist)]
@@ -47,7 +55,11 @@ def test_the_tip_of_a_pivoting_slave_fades_along_the_same_screw():
     turning = (0.3, 0.4, 0.0)
     lever = (0.0, 0.0, 0.1)
     sliding = (0.0, 0.0, 0.05)
-    twist = FadingTwist(acceleration=10.0, sliding_acceleration=1.0, zeros=2)
+    twist = FadingTwist(
+        acceleration=10.0,
+        sliding_acceleration=1.0,
+        zeros=2,
+    )
     for _ in range(20):
         given = twist.follow(Motion(turning, lever, sliding), DT)
     np.testing.assert_allclose(given.linear, np.cross(turning, lever) + sliding, atol=1e-15)

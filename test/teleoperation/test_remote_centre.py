@@ -58,7 +58,14 @@ class Course:
         centre = RemoteCentre(
             self.settings, tuple(map(float, self.trocar)), pose, self.first_insertion, None
         )
-        self.following = Following(limits, 0.0, quaternion(self.master), pose, 0, centre)
+        self.following = Following(
+            limits,
+            0.0,
+            quaternion(self.master),
+            pose,
+            0,
+            centre,
+        )
         self.insertion = self.first_insertion
         self.stamp = 0
 
@@ -190,7 +197,14 @@ def test_a_jump_of_the_insertion_is_slewed_or_disengages():
         course.advance(np.zeros(3), 0.0)
     assert max(np.diff(depths)) <= 0.2 * DT * 1.001
     assert depths[-1] == pytest.approx(0.15, abs=1e-12)
-    stopped = DepthLimits(0.02, 0.3, speed=0.2, acceleration=10.0, slews=False, longest=2.0 * DT)
+    stopped = DepthLimits(
+        0.02,
+        0.3,
+        speed=0.2,
+        acceleration=10.0,
+        slews=False,
+        longest=2.0 * DT,
+    )
     depth = LimitedDepth(stopped, 0.1)
     assert depth.advance(0.15, DT) == 'insertion speed'
     assert depth.depth == 0.1
@@ -239,7 +253,13 @@ def test_the_tilt_of_the_shaft_never_exceeds_its_limit(seed):
 
 
 def test_a_tilt_beyond_the_limit_disengages_where_commands_are_not_slewed():
-    limits = CommandLimits(6.0, 500.0, radians(5.0), slews=False, longest=2.0 * DT)
+    limits = CommandLimits(
+        6.0,
+        500.0,
+        radians(5.0),
+        slews=False,
+        longest=2.0 * DT,
+    )
     course = Course(4, limits=limits, largest_tilt=radians(20.0))
     across = np.cross(course.slave @ course.shaft, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
@@ -254,7 +274,12 @@ def pose_of(tip, rotation=None):
 
 def obstacle(pose, known=None, **settings):
     given = {'scale': 1.0, 'depth': DEEP, 'largest_tilt': inf} | settings
-    return remote_centre.obstacle(RemoteCentreSettings(**given), (0.0, 0.0, 0.0), pose, known)
+    return remote_centre.obstacle(
+        RemoteCentreSettings(**given),
+        (0.0, 0.0, 0.0),
+        pose,
+        known,
+    )
 
 
 @pytest.mark.parametrize(
@@ -275,7 +300,11 @@ def test_a_slave_that_cannot_pivot_from_where_it_is_is_refused_with_the_distance
 
 def test_after_the_clutch_the_shaft_has_to_be_where_it_was():
     first = pose_of((0.0, 0.0, 0.1))
-    settings = RemoteCentreSettings(scale=1.0, depth=DEEP, largest_tilt=inf)
+    settings = RemoteCentreSettings(
+        scale=1.0,
+        depth=DEEP,
+        largest_tilt=inf,
+    )
     known = RemoteCentre(settings, (0.0, 0.0, 0.0), first, 0.0, None).pivot
     assert obstacle(first, known) == ''
     # Its tip was pushed aside, or the trocar is elsewhere.

@@ -40,7 +40,12 @@ def record(
 ):
     """Write a log of the rig at rest in a pose, deg; some encoders miss some cycles."""
     built = geometry.geometry_from(complete(geometry.MECHANISM_SETTINGS, mechanism()))
-    angles = measured_angles(zxz_rotation(*map(radians, pose)), built, (1, 1, 1), sensors)
+    angles = measured_angles(
+        zxz_rotation(*map(radians, pose)),
+        built,
+        (1, 1, 1),
+        sensors,
+    )
     if sensors == 4:
         harmonics = decoder_factory.make_harmonics(
             values(**{name.replace('.', '__'): tuple(value) for name, value in HARMONICS.items()})
@@ -320,7 +325,14 @@ def test_without_a_device_at_rest_nothing_is_written(
 
 
 def test_a_noisy_encoder_is_refused_below_the_limit_given(capsys, tmp_path):
-    noisy = record(tmp_path / 'noisy.log', POSES[0], 6, without={4}, every=20, noise=0.2)
+    noisy = record(
+        tmp_path / 'noisy.log',
+        POSES[0],
+        6,
+        without={4},
+        every=20,
+        noise=0.2,
+    )
     args = at(noisy, tmp_path / 'c.yaml', POSES[0], '-p', 'sensors:=6')
     code, _, err = run(capsys, *args)
     assert code == 1 and re.search(r'joint_1a .* limit 0\.1', err), err

@@ -107,7 +107,12 @@ def test_starts_after_gaps_of_the_recording_say_nothing_against_a_calibration(fo
     whole = replace(found, readings=replace(found.readings, spiked=np.zeros(len(stamps), bool)))
     with_gaps = stamps + np.arange(len(stamps)) // 50 * 2_000_000_000
     values = fkm(alert_limit_deg=30.0)
-    share = verdict.published_share(whole, (with_gaps, readings), values, lambda *_: None)
+    share = verdict.published_share(
+        whole,
+        (with_gaps, readings),
+        values,
+        lambda *_: None,
+    )
     assert share == 1.0
 
 
@@ -135,7 +140,12 @@ def test_the_motion_is_published_but_for_the_start_and_a_slip_is_refused(found, 
         match=r'fkm publishes \d\d\.\d % of the motion, expected '
         r'99 % at least: (?!starting|settling).*\(\d+ samples?\); nothing is',
     ):
-        verdict.published_share(whole, (stamps, slipped), values, lambda *_: None)
+        verdict.published_share(
+            whole,
+            (stamps, slipped),
+            values,
+            lambda *_: None,
+        )
     # Without the sets that have a spike.
     spiked = replace(found.readings, spiked=np.arange(len(stamps)) >= len(stamps) // 2)
     assert (

@@ -242,7 +242,12 @@ def test_E13_no_resolution_is_suggested_that_the_encoders_do_not_have(
 ):
     """Two joints are exchanged, and all counts are in the lower half of a turn by chance."""
     *others, path, rate_flag, rate = motion
-    exchanged = {'181': '182', '182': '181', '183': '183', '184': '184'}
+    exchanged = {
+        '181': '182',
+        '182': '181',
+        '183': '183',
+        '184': '184',
+    }
     first = {}
     log = tmp_path / 'exchanged.log'
     with open(path.partition('=')[2]) as source, log.open('w') as file:

@@ -41,7 +41,11 @@ def poses(noise):
     rng = np.random.default_rng(1)
     rows = []
     for number in range(12):
-        R = workspace_pose(rng.uniform(0.05, 0.3), rng.uniform(0.0, 6.2), rng.uniform(0.0, 0.5))
+        R = workspace_pose(
+            rng.uniform(0.05, 0.3),
+            rng.uniform(0.0, 6.2),
+            rng.uniform(0.0, 0.5),
+        )
         joints = inverse(R)
         error = noise * rng.normal(size=3)
         for step in range(20):
@@ -492,7 +496,11 @@ def test_a_recording_by_drives_and_encoders_between_processes(
         '--drives',
         '3',
         *SIMULATED,
-        parameters={**bus, 'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]},
+        parameters={
+            **bus,
+            'sim.trajectory': 'fixed',
+            'sim.pose_deg': [130.0, 50.0, 20.0],
+        },
     )
     assert wait_until(lambda: 'four encoders' in devices.stdout, PATIENCE), devices.stderr
     path = str(tmp_path / 'recording.csv')

@@ -147,7 +147,11 @@ def test_a_directory_of_recorder_with_parameters(
     assert level.lines[1].get_ydata()[0] == 1.0
     assert level.get_ylim()[0] == 0.0
     # joint_3a has a rival at rest.
-    np.testing.assert_allclose(exposure.lines[3].get_ydata(), np.arange(800) * 1e-3, atol=1e-4)
+    np.testing.assert_allclose(
+        exposure.lines[3].get_ydata(),
+        np.arange(800) * 1e-3,
+        atol=1e-4,
+    )
 
 
 def test_L3_cycles_without_a_set_count_and_are_named(supervise, tmp_path):

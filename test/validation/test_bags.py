@@ -99,7 +99,11 @@ def describe(
     metadata = path / 'metadata.yaml'
     content = yaml.safe_load(metadata.read_text())
     about = content['rosbag2_bagfile_information']
-    about |= {'relative_file_paths': names, 'files': [], 'message_count': sum(counts.values())}
+    about |= {
+        'relative_file_paths': names,
+        'files': [],
+        'message_count': sum(counts.values()),
+    }
     for topic in about['topics_with_message_count']:
         topic['message_count'] = counts[topic['topic_metadata']['name']]
     metadata.write_text(yaml.safe_dump(content))

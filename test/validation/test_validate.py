@@ -525,7 +525,11 @@ def test_a_picture_has_no_jumps_and_magnifies_no_angle_that_hardly_moves(tmp_pat
     time = np.arange(50.0)
     psi = np.linspace(170.0, 190.0, 50)
     drawn = []
-    rotations = kinematics.matrix_from_zxz(np.radians(psi), 0.9 + 1e-3 * np.sin(time), 0.0 * psi)
+    rotations = kinematics.matrix_from_zxz(
+        np.radians(psi),
+        0.9 + 1e-3 * np.sin(time),
+        0.0 * psi,
+    )
     with monkeypatch.context() as patch:
         patch.setattr(plot_style, 'save', lambda figure, path: drawn.append(figure))
         plot_style.draw_comparison(
@@ -541,7 +545,11 @@ def test_a_picture_has_no_jumps_and_magnifies_no_angle_that_hardly_moves(tmp_pat
         )
     moving, still, _ = drawn[0].axes
     np.testing.assert_allclose(moving.lines[0].get_ydata(), psi)
-    np.testing.assert_allclose(still.get_ylim(), math.degrees(0.9) + np.array([-1, 1]), atol=0.01)
+    np.testing.assert_allclose(
+        still.get_ylim(),
+        math.degrees(0.9) + np.array([-1, 1]),
+        atol=0.01,
+    )
     with pytest.raises(InputError, match='missing/a.png: cannot be written: '):
         plot_style.save(plot_style.new_figure(), tmp_path / 'missing' / 'a.png')
 
@@ -559,4 +567,9 @@ def test_what_is_not_installed_is_named(
         monkeypatch.delitem(sys.modules, f'spm_haptic_master.validation.{loaded}', raising=False)
         monkeypatch.delattr(f'spm_haptic_master.validation.{loaded}', raising=False)
     (tmp_path / 'bag.db3').touch()
-    fails(capsys, 'needs .*pip install', tmp_path / 'bag.db3', tmp_path / 'bag.db3')
+    fails(
+        capsys,
+        'needs .*pip install',
+        tmp_path / 'bag.db3',
+        tmp_path / 'bag.db3',
+    )

@@ -281,7 +281,12 @@ def test_a_silence_is_one_event_however_long_it_lasts(shown):
 
 def test_a_page_that_opens_gets_the_script_and_the_newest_news(serve, shown):
     """It has all that is shown of a device that is healthy, then silent."""
-    shown.begin(source='sim', sensors=5, alert_limit_deg=2.0, calibration='made today')
+    shown.begin(
+        source='sim',
+        sensors=5,
+        alert_limit_deg=2.0,
+        calibration='made today',
+    )
     shown.say('force_state', 'engaged')
     shown.say('teleop_state', 'clutched')
     shown.say('operating_state_text', 'ENABLED')

@@ -27,7 +27,14 @@ MECHANISM = Geometry.from_axes(
 
 def drawn(shown):
     """Draw the mechanism, upright, with four encoders."""
-    return Scene(shown.server.scene, '', MECHANISM, (1, 1, 1), (0.0, 0.0, 0.0, 1.0), 4)
+    return Scene(
+        shown.server.scene,
+        '',
+        MECHANISM,
+        (1, 1, 1),
+        (0.0, 0.0, 0.0, 1.0),
+        4,
+    )
 
 
 def test_each_link_has_its_own_turn_shape_and_colour(shown):
@@ -105,7 +112,14 @@ def test_each_encoder_has_its_sign_at_its_name_where_something_is_wrong(shown):
 
 
 def test_a_device_with_a_name_has_it_at_its_floor_and_stands_at_its_place(shown):
-    scene = Scene(shown.server.scene, 'left', NOMINAL, (1, 1, 1), (0.0, 0.0, 0.0, 1.0), 4)
+    scene = Scene(
+        shown.server.scene,
+        'left',
+        NOMINAL,
+        (1, 1, 1),
+        (0.0, 0.0, 0.0, 1.0),
+        4,
+    )
     scene.stand(2)
     for frame in (scene._fixed, scene._floor):
         np.testing.assert_allclose(frame.position, [2.0 * ARM_DISTANCE, 0.0, 0.0])

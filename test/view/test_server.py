@@ -195,7 +195,11 @@ def test_a_page_operates_a_simulated_device_and_no_other(observer, view):
             """Move every slider, press every button and change every other control."""
             for uuid, value in handles:
                 changed = {bool: not value, float: 0.5, int: 1}.get(type(value), value)
-                send(type='GuiUpdateMessage', uuid=uuid, updates={'value': changed})
+                send(
+                    type='GuiUpdateMessage',
+                    uuid=uuid,
+                    updates={'value': changed},
+                )
 
         # What is not passed on, first: it changes nothing, and ends nothing.
         websocket.send(b'\xc1')

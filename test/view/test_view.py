@@ -64,7 +64,12 @@ def make_run(view, python):
 
 
 def test_make_run_leaves_it_out_on_request():
-    started = subprocess.run(make_run(0, 'echo'), text=True, capture_output=True, check=True)
+    started = subprocess.run(
+        make_run(0, 'echo'),
+        text=True,
+        capture_output=True,
+        check=True,
+    )
     assert started.stdout.startswith('-m spm_haptic_master master --params-file ')
 
 
