@@ -116,7 +116,11 @@ BEYOND = {'Directed search: glitch of one, drift of another, checked'}
 
 
 @pytest.mark.parametrize(
-    ('page', 'beyond'), [(integrity.PAGE, BEYOND), (fault_matrix.PAGE, set())]
+    ('page', 'beyond'),
+    [
+        (integrity.PAGE, BEYOND),
+        (fault_matrix.PAGE, set()),
+    ],
 )
 def test_the_committed_pages_have_verdicts_and_no_further_violation(page, beyond):
     found = verdicts.read(page.read_text(encoding='utf-8'))

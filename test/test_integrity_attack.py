@@ -27,7 +27,14 @@ def first_case(kind, seed=1):
     raise AssertionError(f'{kind} has no case')
 
 
-@pytest.mark.parametrize('mode', [(1, 1, 1), (1, -1, 1), (-1, -1, -1)])
+@pytest.mark.parametrize(
+    'mode',
+    [
+        (1, 1, 1),
+        (1, -1, 1),
+        (-1, -1, -1),
+    ],
+)
 def test_the_attacked_device_has_the_same_angles_by_formulas_of_its_own(mode):
     rotations = random_rotations(np.random.default_rng(1), 4000)
     found = Device(PAPER, mode).readings(rotations)

@@ -37,7 +37,13 @@ def off(found, true):
 
 
 @pytest.mark.parametrize(
-    'rate, together, tolerance', [(1000, 2, 0.05), (250, 1, 0.1), (50, 1, 0.2), (10, 1, 0.5)]
+    'rate, together, tolerance',
+    [
+        (1000, 2, 0.05),
+        (250, 1, 0.1),
+        (50, 1, 0.2),
+        (10, 1, 0.5),
+    ],
 )
 def test_means_are_of_the_readings_across_the_turn_at_any_rate(
     rate,

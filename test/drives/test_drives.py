@@ -196,7 +196,14 @@ def test_a_node_that_is_no_drive_gets_no_torque(starting):
     assert starting.commands() == []
 
 
-@pytest.mark.parametrize(('modes', 'mode'), [(1 << 3, 4), (1 << 9, 10), (1 << 0, None)])
+@pytest.mark.parametrize(
+    ('modes', 'mode'),
+    [
+        (1 << 3, 4),
+        (1 << 9, 10),
+        (1 << 0, None),
+    ],
+)
 def test_profile_torque_is_chosen_where_the_cyclic_mode_is_missing(starting, modes, mode):
     starting.drive[0].objects.show((0x6502, 0), modes)
     report = starting.run(TORQUES, STARTED)

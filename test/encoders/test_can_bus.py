@@ -55,7 +55,12 @@ def test_a_bus_that_is_not_there_says_what_to_give(number, words):
 
 
 @pytest.mark.parametrize(
-    ('config', 'port'), [('{}', ' port 43113'), ('{"port": 43999}', ' port 43999'), ('{', '')]
+    ('config', 'port'),
+    [
+        ('{}', ' port 43113'),
+        ('{"port": 43999}', ' port 43999'),
+        ('{', ''),
+    ],
 )
 def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, port):
     monkeypatch.setenv('CAN_CONFIG', config)

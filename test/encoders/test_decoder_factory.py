@@ -76,7 +76,11 @@ def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(
 
 
 @pytest.mark.parametrize(
-    ('source', 'given'), [('can', {}), ('replay', {'replay__path': '/data/session.log'})]
+    ('source', 'given'),
+    [
+        ('can', {}),
+        ('replay', {'replay__path': '/data/session.log'}),
+    ],
 )
 def test_what_decodes_counts_needs_verified_directions(source, given):
     assert unverified_joints(values(source, **given)) == unverified_joints(values('sim')) == ()

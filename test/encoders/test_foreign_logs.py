@@ -35,7 +35,12 @@ def two_buses():
 
 
 @pytest.mark.parametrize(
-    ('suffix', 'first', 'second'), [('.asc', '1', '2'), ('.blf', '1', '2'), ('.trc', '1', '2')]
+    ('suffix', 'first', 'second'),
+    [
+        ('.asc', '1', '2'),
+        ('.blf', '1', '2'),
+        ('.trc', '1', '2'),
+    ],
 )
 def test_L1_of_a_log_of_two_buses_the_channel_selects_the_rig(tmp_path, suffix, first, second):
     path = record(tmp_path / f'two{suffix}', two_buses())

@@ -75,7 +75,14 @@ def test_E10_an_encoder_that_ends_during_the_scan_is_not_as_configured(channel, 
     assert 'joint_1a: 0x181' not in text
 
 
-@pytest.mark.parametrize(('share', 'good'), [(0.0, True), (0.03, False), (1.0, False)])
+@pytest.mark.parametrize(
+    ('share', 'good'),
+    [
+        (0.0, True),
+        (0.03, False),
+        (1.0, False),
+    ],
+)
 def test_item_4_the_verdict_counts_lost_answers(share, good):
     """Of 150 answers 3 % are not as configured; one may be under way at the end."""
     scan = BusScan(0x80, LAYOUTS)
@@ -207,7 +214,11 @@ def test_E14_nodes_that_answer_and_send_nothing_are_named(channel, run):
 
 
 @pytest.mark.parametrize(
-    ('phases', 'good'), [((0.0, 1e-3, 2e-3, 3e-3), True), ((9e-3, 2e-3, 5e-3, 7e-3), False)]
+    ('phases', 'good'),
+    [
+        ((0.0, 1e-3, 2e-3, 3e-3), True),
+        ((9e-3, 2e-3, 5e-3, 7e-3), False),
+    ],
 )
 def test_E6_phases_without_sync_are_named(phases, good):
     scan = BusScan(None, LAYOUTS)

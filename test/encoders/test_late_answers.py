@@ -242,7 +242,15 @@ def counted(layouts, number, counts):
     ]
 
 
-@pytest.mark.parametrize('first', [(), (0,), (3,), (1, 2, 3)])
+@pytest.mark.parametrize(
+    'first',
+    [
+        (),
+        (0,),
+        (3,),
+        (1, 2, 3),
+    ],
+)
 @pytest.mark.parametrize('silent', [1, 2, 3, 4, 7])
 def test_encoders_that_come_up_are_soon_taken(silent, first):
     """Their counters count answers; once SYNC has paused, nothing is owed any more."""
@@ -257,7 +265,13 @@ def test_encoders_that_come_up_are_soon_taken(silent, first):
 
 @pytest.mark.parametrize(
     ('back', 'restart', 'taken'),
-    [(60, 0, True), (60, 77, True), (60, 10, True), (43, 10, True), (42, 10, False)],
+    [
+        (60, 0, True),
+        (60, 77, True),
+        (60, 10, True),
+        (43, 10, True),
+        (42, 10, False),
+    ],
 )
 def test_an_encoder_with_a_counter_is_taken_again_soon_after_a_long_silence(back, restart, taken):
     """Its counter goes on where it was (10; soon, it is late), or from anywhere after a reboot."""

@@ -42,7 +42,14 @@ def test_two_sets_of_one_stamp_are_played_in_every_round_until_the_file_is_gone(
         [*iter(lambda: source.read(1.0), None)]
 
 
-@pytest.mark.parametrize(('rate', 'paused'), [(1.0, 0), (4.0, 0), (1.0, 1000.0)])
+@pytest.mark.parametrize(
+    ('rate', 'paused'),
+    [
+        (1.0, 0),
+        (4.0, 0),
+        (1.0, 1000.0),
+    ],
+)
 def test_sets_are_due_at_their_last_frame_and_rounds_a_millisecond_apart(
     replay, clock, rate, paused
 ):

@@ -76,7 +76,15 @@ def test_answers_that_pile_up_are_never_taken_for_fresh(stall, at_once, answered
 
 
 @pytest.mark.parametrize(
-    ('sensors', 'gone'), [(5, {4}), (5, {0}), (6, {4}), (6, {5}), (6, {0, 1}), (6, {3, 4})]
+    ('sensors', 'gone'),
+    [
+        (5, {4}),
+        (5, {0}),
+        (6, {4}),
+        (6, {5}),
+        (6, {0, 1}),
+        (6, {3, 4}),
+    ],
 )
 def test_the_sets_go_on_without_a_silent_sensor_and_do_not_wait_for_it(sensors, gone):
     taker, layouts = rig(sensors)
@@ -98,7 +106,15 @@ def test_the_sets_go_on_without_a_silent_sensor_and_do_not_wait_for_it(sensors, 
     )
 
 
-@pytest.mark.parametrize(('sensors', 'gone'), [(4, {3}), (4, {0}), (5, {0, 4}), (6, {0, 3, 5})])
+@pytest.mark.parametrize(
+    ('sensors', 'gone'),
+    [
+        (4, {3}),
+        (4, {0}),
+        (5, {0, 4}),
+        (6, {0, 3, 5}),
+    ],
+)
 def test_fewer_than_four_readings_are_no_set(sensors, gone):
     taker, layouts = rig(sensors)
     feed(taker, cycle(layouts, 0))
@@ -150,7 +166,15 @@ def test_one_per_cent_of_lost_frames(sensors, share):
     assert sum(map(len, found.values())) < 0.02 * sensors * cycles
 
 
-@pytest.mark.parametrize(('sensors', 'gone'), [(4, {2}), (5, {4}), (6, {0}), (6, {2, 3})])
+@pytest.mark.parametrize(
+    ('sensors', 'gone'),
+    [
+        (4, {2}),
+        (5, {4}),
+        (6, {0}),
+        (6, {2, 3}),
+    ],
+)
 def test_without_sync_a_silent_sensor_is_not_waited_for_either(sensors, gone):
     taker, layouts = rig(sensors, encoders__sync_id=0)
     stream = [
@@ -262,7 +286,12 @@ def test_more_answers_than_are_owed_spoil_their_cycle():
 
 @pytest.mark.parametrize(
     ('index', 'at', 'same'),
-    [(3, WINDOW, True), (3, WINDOW + 0.01, False), (3, -0.01, False), (0, 0.1, False)],
+    [
+        (3, WINDOW, True),
+        (3, WINDOW + 0.01, False),
+        (3, -0.01, False),
+        (0, 0.1, False),
+    ],
 )
 def test_without_sync_a_frame_beyond_the_window_or_a_second_one_opens_a_cycle(index, at, same):
     taker = assembler(synchronised=False)

@@ -71,7 +71,13 @@ def test_no_set_waits_for_an_axis_and_none_is_part_of_one():
 
 
 @pytest.mark.parametrize(
-    ('metres', 'good'), [(0.0, True), (-0.0039, True), (-0.0041, False), (0.2041, False)]
+    ('metres', 'good'),
+    [
+        (0.0, True),
+        (-0.0039, True),
+        (-0.0041, False),
+        (0.2041, False),
+    ],
 )
 def test_a_reading_beyond_its_range_by_two_per_cent_is_none(metres, good):
     taker = decoder(**SLIDE)

@@ -84,7 +84,13 @@ def test_it_listens_then_probes_then_keeps_its_grid(producer):
 # In half a second: lateness of each wait, s; deadlines missed; s lost, more than a period late.
 @pytest.mark.parametrize(
     ('late', 'missed', 'lost'),
-    [(0.0, 0, 0.0), (0.002, 0, 0.0), (0.0099, 0, 0.0), (0.012, 18, 0.216), (0.0305, 27, 0.2745)],
+    [
+        (0.0, 0, 0.0),
+        (0.002, 0, 0.0),
+        (0.0099, 0, 0.0),
+        (0.012, 18, 0.216),
+        (0.0305, 27, 0.2745),
+    ],
 )
 def test_the_grid_keeps_its_phase_and_what_is_late_missed_or_lost_is_measured(
     producer, clock, late, missed, lost

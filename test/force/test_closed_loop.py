@@ -63,7 +63,12 @@ def test_at_that_wall_the_handle_comes_to_rest():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('about', 'stiffness', 'hand'),
-    [('roll', 2.0, USUAL), ('roll', 8.0, USUAL), ('tilt', 8.0, USUAL), ('roll', 8.0, SOFT)],
+    [
+        ('roll', 2.0, USUAL),
+        ('roll', 8.0, USUAL),
+        ('tilt', 8.0, USUAL),
+        ('roll', 8.0, SOFT),
+    ],
 )
 def test_a_wall_at_100_hz_and_70_ms_generates_at_most_20_mj(about, stiffness, hand):
     found, _ = against_a_wall(20.0, about, stiffness, 3.0, hand, slow=True)
@@ -87,7 +92,12 @@ def test_without_the_energy_law_that_wall_generates_more():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ('depth', 'stiffness', 'most'), [(0.1, 1.0, 0.01), (0.3, 1.0, 0.01), (0.3, 2.0, 0.08)]
+    ('depth', 'stiffness', 'most'),
+    [
+        (0.1, 1.0, 0.01),
+        (0.3, 1.0, 0.01),
+        (0.3, 2.0, 0.08),
+    ],
 )
 def test_a_spring_that_is_pressed_and_released_keeps_its_torque(depth, stiffness, most):
     found, direction = against_a_wall(

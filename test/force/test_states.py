@@ -630,7 +630,14 @@ def test_a_lock_holds_without_wrenches_and_ends_when_it_is_let_go():
     assert steps(bench, 100).max() <= 0.02
 
 
-@pytest.mark.parametrize('changed', [{'enabled': False}, {'engaged': False}, {'present': False}])
+@pytest.mark.parametrize(
+    'changed',
+    [
+        {'enabled': False},
+        {'engaged': False},
+        {'present': False},
+    ],
+)
 def test_a_lock_holds_only_where_force_is_wanted(changed):
     """K2."""
     bench = Bench()

@@ -117,7 +117,16 @@ def test_a_mode_at_a_singularity_is_never_lost(offset_deg):
     assert sum(distance >= 1e-5 for distance in distances) <= 2
 
 
-@pytest.mark.parametrize('th2a', [math.pi, math.pi - 1e-12, math.pi - 1e-6, 0.0, math.pi / 2.0])
+@pytest.mark.parametrize(
+    'th2a',
+    [
+        math.pi,
+        math.pi - 1e-12,
+        math.pi - 1e-6,
+        0.0,
+        math.pi / 2.0,
+    ],
+)
 def test_a_root_where_the_half_angle_has_no_tangent(th2a):
     # xi = th2A, and the paper's xi, at 180 deg and elsewhere: all must be alike.
     rng = np.random.default_rng(24)
@@ -196,7 +205,11 @@ def test_tracking_through_figure_10():
 
 @pytest.mark.parametrize(
     'equation, nearest',
-    [((1.0, 0.0, 2.0), math.pi), ((1.0, 0.0, -2.0), 0.0), ((0.0, 1.0, 3.0), -0.5 * math.pi)],
+    [
+        ((1.0, 0.0, 2.0), math.pi),
+        ((1.0, 0.0, -2.0), 0.0),
+        ((0.0, 1.0, 3.0), -0.5 * math.pi),
+    ],
 )
 def test_without_a_solution_the_nearest_turn_twice(equation, nearest):
     for t in both_turns(equation):

@@ -18,7 +18,13 @@ from spm_haptic_master.kinematics import Geometry, in_usual_frames, workspace_po
 
 
 @pytest.mark.parametrize(
-    'angles', [(ALPHA, BETA, GAMMA), (0.7, 1.1, 0.9), (1.2, 0.8, 2.0), (0.9, 0.9, 0.01)]
+    'angles',
+    [
+        (ALPHA, BETA, GAMMA),
+        (0.7, 1.1, 0.9),
+        (1.2, 0.8, 2.0),
+        (0.9, 0.9, 0.01),
+    ],
 )
 def test_nominal_axes_are_the_nominal_mechanism(angles):
     as_built = nominal(*angles).geometry

@@ -131,7 +131,12 @@ def approach_at(degrees):
 
 
 @pytest.mark.parametrize(
-    'degrees', [(135.0, 54.7356, 49.0), (125.0, 50.0, 45.0), (140.0, 60.0, 52.0)]
+    'degrees',
+    [
+        (135.0, 54.7356, 49.0),
+        (125.0, 50.0, 45.0),
+        (140.0, 60.0, 52.0),
+    ],
 )
 def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(degrees):
     rotation, got = approach_at(degrees)

@@ -17,7 +17,12 @@ HANDLE_DEG = [10.0, -20.0, 200.0]
 
 
 @pytest.mark.parametrize(
-    'base, handle', [(BASE_DEG, HANDLE_DEG), (BASE_DEG, [0.0] * 3), ([0.0] * 3, HANDLE_DEG)]
+    'base, handle',
+    [
+        (BASE_DEG, HANDLE_DEG),
+        (BASE_DEG, [0.0] * 3),
+        ([0.0] * 3, HANDLE_DEG),
+    ],
 )
 def test_the_supervision_publishes_the_handle_on_the_table(base, handle):
     joints = kinematics.inverse(kinematics.workspace_pose(*np.radians([10.0, 100.0, 60.0])))

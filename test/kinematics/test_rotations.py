@@ -83,7 +83,13 @@ def test_quaternion_of_a_rotation_vector(vector):
 
 
 @pytest.mark.parametrize(
-    'excess, accepted', [(9e-7, True), (-9e-7, True), (1.1e-6, False), (-1.1e-6, False)]
+    'excess, accepted',
+    [
+        (9e-7, True),
+        (-9e-7, True),
+        (1.1e-6, False),
+        (-1.1e-6, False),
+    ],
 )
 def test_rotations_and_quaternions_are_checked_to_their_tolerance(excess, accepted):
     R = zxz(0.3, 0.4, 0.5)

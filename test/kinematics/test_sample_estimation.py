@@ -279,7 +279,12 @@ def rival_of(R):
 
 @pytest.mark.parametrize(
     ('squared', 'ambiguous', 'selectable'),
-    [(8.8, True, True), (9.2, False, True), (99.0, False, True), (101.0, False, False)],
+    [
+        (8.8, True, True),
+        (9.2, False, True),
+        (99.0, False, True),
+        (101.0, False, False),
+    ],
 )
 def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selectable):
     """A prior selects the worse of them up to 10 sigma, as noise and bias may have made it so."""

@@ -166,7 +166,11 @@ def test_each_set_is_published_and_some_of_them_for_the_eye(driver, source):
 
 @pytest.mark.parametrize(
     ('kind', 'text'),
-    [('sim', 'sim'), ('replay', f'replay: {LOG.name}'), ('can', 'can: udp_multicast 239.74.0.0')],
+    [
+        ('sim', 'sim'),
+        ('replay', f'replay: {LOG.name}'),
+        ('can', 'can: udp_multicast 239.74.0.0'),
+    ],
 )
 def test_the_source_is_on_a_latched_topic_and_on_diagnostics(kind, text):
     """Nobody takes a simulated angle for a measured one; and only such a device can be moved."""

@@ -246,7 +246,11 @@ def test_a_wrench_that_waited_while_this_process_stood_still_is_none(rig):
 
 
 @pytest.mark.parametrize(
-    'broken', [{'torque': (nan, 0.0, 0.0)}, {'torque': ZERO, 'force': (inf, 0.0, 0.0)}]
+    'broken',
+    [
+        {'torque': (nan, 0.0, 0.0)},
+        {'torque': ZERO, 'force': (inf, 0.0, 0.0)},
+    ],
 )
 def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(rig, broken):
     rig.send(**broken)

@@ -24,7 +24,14 @@ def reader():
 
 
 @pytest.mark.parametrize('frame', ['', 'a', 'ab', 'abc', 'abcd', 'spm_base'])
-@pytest.mark.parametrize('more', [{}, {'velocity': [3.0]}, {'effort': [-1.0]}])
+@pytest.mark.parametrize(
+    'more',
+    [
+        {},
+        {'velocity': [3.0]},
+        {'effort': [-1.0]},
+    ],
+)
 def test_stamps_and_positions_of_one_publisher(reader, frame, more):
     for stamp, position in ((5, 0.25), (7_000_000_005, -0.1), (8_000_000_000, 0.0)):
         data = serialized([position], stamp, frame, **more)

@@ -172,7 +172,10 @@ def test_a_master_in_one_process_or_three(ros2_launch):
 
 @pytest.mark.parametrize(
     ('name', 'arguments'),
-    [('master', ('source:=sim',)), ('teleop', ('source:=sim', 'arms:=left'))],
+    [
+        ('master', ('source:=sim',)),
+        ('teleop', ('source:=sim', 'arms:=left')),
+    ],
 )
 def test_the_first_process_to_end_ends_the_launch(ros2_launch, name, arguments):
     ended, failed = (SimpleNamespace(process_name='fkm-1', returncode=code) for code in (0, 1))
@@ -289,7 +292,11 @@ def test_a_device_with_its_master_in_rviz(ros2_launch, installed, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('there', 'absent'), [('robot_state_publisher', 'rviz2'), ('rviz2', 'robot_state_publisher')]
+    ('there', 'absent'),
+    [
+        ('robot_state_publisher', 'rviz2'),
+        ('rviz2', 'robot_state_publisher'),
+    ],
 )
 def test_nothing_starts_where_what_shows_it_is_not_installed(
     ros2_launch, installed, tmp_path, there, absent

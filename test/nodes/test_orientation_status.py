@@ -66,7 +66,11 @@ def test_the_parity_is_that_of_one_second(timing):
 
 
 @pytest.mark.parametrize(
-    ('lost', 'expected'), [(2, (OK, 'in time')), (3, (WARN, 'samples missing'))]
+    ('lost', 'expected'),
+    [
+        (2, (OK, 'in time')),
+        (3, (WARN, 'samples missing')),
+    ],
 )
 def test_missing_samples_are_counted_by_the_stamps(timing, lost, expected):
     second(timing, 0)

@@ -144,7 +144,11 @@ def test_k1_a_torque_with_stamp_0_is_none(accepted):
 
 
 @pytest.mark.parametrize(
-    ('timeout', 'state'), [(0.5, 'disengaged: no presence'), (0.0, 'engaged')]
+    ('timeout', 'state'),
+    [
+        (0.5, 'disengaged: no presence'),
+        (0.0, 'engaged'),
+    ],
 )
 def test_k6_a_pedal_that_publishes_changes_leads_with_its_parameter(timeout, state):
     with running(teleop__presence_timeout=timeout) as rig:

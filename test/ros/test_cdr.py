@@ -45,7 +45,15 @@ def framed(message, frame, stamp=STAMPS[3]):
 @pytest.mark.parametrize('frame', ['', 'a', 'spm_base', 'left_spm_base', 'a_longer_frame_id'])
 @pytest.mark.parametrize(
     ('sensors', 'missing'),
-    [(4, ()), (5, ()), (5, (4,)), (5, (0,)), (6, ()), (6, (5,)), (6, (0, 3))],
+    [
+        (4, ()),
+        (5, ()),
+        (5, (4,)),
+        (5, (0,)),
+        (6, ()),
+        (6, (5,)),
+        (6, (0, 3)),
+    ],
 )
 def test_joints_are_written_and_read_as_by_rclpy(sensors, missing, frame):
     """A joint without a reading is NaN."""

@@ -43,7 +43,10 @@ def search(monkeypatch):
 
 @pytest.mark.parametrize(
     ('named_after', 'printed'),
-    [(0.5 * LOOK, ['/fkm']), (2.0 * LOOK, ['a node without a name', '/fkm'])],
+    [
+        (0.5 * LOOK, ['/fkm']),
+        (2.0 * LOOK, ['a node without a name', '/fkm']),
+    ],
 )
 def test_a_node_whose_name_comes_late_is_named(search, named_after, printed):
     with pytest.raises(RivalError, match='/orientation is published by /fkm already'):

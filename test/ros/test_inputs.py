@@ -71,7 +71,12 @@ def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
 @pytest.mark.parametrize('raw', [False, True])
 @pytest.mark.parametrize(
     ('wanted', 'offered'),
-    [(EVENTS, EVENTS), (EVENTS, STATE), (BEST_EFFORT, EVENTS), (EVENTS, BEST_EFFORT)],
+    [
+        (EVENTS, EVENTS),
+        (EVENTS, STATE),
+        (BEST_EFFORT, EVENTS),
+        (EVENTS, BEST_EFFORT),
+    ],
 )
 def test_an_input_follows_a_publisher_and_reports_when_it_has_gone(rig, wanted, offered, raw):
     node, other, spin_until = rig

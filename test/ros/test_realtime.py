@@ -161,7 +161,13 @@ def test_what_a_rig_asks_for_and_cannot_have_is_a_warning(linux, changed, to, na
 
 
 @pytest.mark.parametrize(
-    ('text', 'cores'), [('0', {0}), ('0,1', {0, 1}), ('0-1', {0, 1}), ('0,2-3', {0, 2, 3})]
+    ('text', 'cores'),
+    [
+        ('0', {0}),
+        ('0,1', {0, 1}),
+        ('0-1', {0, 1}),
+        ('0,2-3', {0, 2, 3}),
+    ],
 )
 def test_a_list_of_cores_is_read(linux, text, cores):
     assert check_cpus(text) == cores

@@ -28,7 +28,10 @@ SEEDS = pytest.mark.parametrize(
 )
 @pytest.mark.parametrize(
     'seconds',
-    [pytest.param(1.0, id='short'), pytest.param(25.0, id='long', marks=pytest.mark.evidence)],
+    [
+        pytest.param(1.0, id='short'),
+        pytest.param(25.0, id='long', marks=pytest.mark.evidence),
+    ],
 )
 def test_no_false_alarm_in_many_healthy_samples(kind, sensors, seconds):
     """The threshold promises one in 10,000 hours, 3.6e10 samples; `make faults` plays hours."""

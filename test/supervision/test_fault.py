@@ -116,7 +116,14 @@ def left_out(sensors, pose, sensor, size):
 
 @pytest.mark.parametrize(
     ('sensors', 'size', 'share'),
-    [(5, 0.5, 0.0), (5, 2.0, 0.5), (5, 20.0, 0.9), (6, 0.5, 0.9), (6, 2.0, 1.0), (6, 20.0, 1.0)],
+    [
+        (5, 0.5, 0.0),
+        (5, 2.0, 0.5),
+        (5, 20.0, 0.9),
+        (6, 0.5, 0.9),
+        (6, 2.0, 1.0),
+        (6, 20.0, 1.0),
+    ],
 )
 def test_a_step_is_isolated_to_its_sensor_or_to_none(sensors, size, share):
     """A small step of one of five may be that of another as well: then to none."""
@@ -147,7 +154,10 @@ def test_an_orientation_that_does_not_continue_the_motion_isolates_no_sensor(pos
 
 @pytest.mark.parametrize(
     ('pose', 'moved'),
-    [((9.57, 295.27, 79.69), {'th1b': -10.0}), ((10.5, 142.0, 61.7), {'th1b': 10.0})],
+    [
+        ((9.57, 295.27, 79.69), {'th1b': -10.0}),
+        ((10.5, 142.0, 61.7), {'th1b': 10.0}),
+    ],
 )
 def test_one_fault_of_five_is_never_beyond_the_level(pose, moved):
     rig = Rig(5, pose, degraded='allow')

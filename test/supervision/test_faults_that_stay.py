@@ -23,7 +23,14 @@ def test_a_latched_fault_is_not_hidden_by_a_missing_angle():
     assert rig.state == 'silent: joint_1b jumped'
 
 
-@pytest.mark.parametrize(('samples', 'size'), [(100, 1.0), (100, 20.0), (20, 5.0)])
+@pytest.mark.parametrize(
+    ('samples', 'size'),
+    [
+        (100, 1.0),
+        (100, 20.0),
+        (20, 5.0),
+    ],
+)
 def test_a_second_sensor_that_jumps_is_silence(samples, size):
     rig = Rig(degraded='allow')
     rig.samples(samples, th1b=5.0)
@@ -82,7 +89,14 @@ def test_while_each_twelfth_sample_is_a_spike_the_state_is_not_healthy(sensors):
     assert found.within_level
 
 
-@pytest.mark.parametrize(('bad', 'of'), [(1, 9), (2, 4), (2, 11)])
+@pytest.mark.parametrize(
+    ('bad', 'of'),
+    [
+        (1, 9),
+        (2, 4),
+        (2, 11),
+    ],
+)
 def test_a_sensor_with_spikes_that_return_is_excluded(bad, of):
     def spikes(readings):
         index = np.arange(len(readings))

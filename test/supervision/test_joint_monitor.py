@@ -185,7 +185,14 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
         assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize(('noise', 'speed'), [(0.02, 0.0), (0.04, 0.2), (0.08, 0.2)])
+@pytest.mark.parametrize(
+    ('noise', 'speed'),
+    [
+        (0.02, 0.0),
+        (0.04, 0.2),
+        (0.08, 0.2),
+    ],
+)
 def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
     monitor = joint(radians(0.08))
     measured = []

@@ -112,7 +112,14 @@ def test_rounding_does_not_add_up():
     assert parities.mean == pytest.approx(tuple(vectors[-21:].mean(axis=0)), abs=1e-12)
 
 
-@pytest.mark.parametrize(('entries', 'noise'), [(1, 1.0), (2, 3.0), (3, 1.0)])
+@pytest.mark.parametrize(
+    ('entries', 'noise'),
+    [
+        (1, 1.0),
+        (2, 3.0),
+        (3, 1.0),
+    ],
+)
 def test_the_variance_of_the_entries_is_measured_and_outlasts_a_restart(entries, noise):
     parities = window(entries)
     vectors = noise * np.random.default_rng(2).normal(size=(4000, entries))

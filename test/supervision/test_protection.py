@@ -74,7 +74,16 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
     np.testing.assert_allclose(worth.levels(REACH), levels)
 
 
-@pytest.mark.parametrize(('sensors', 'missing'), [(4, None), (5, None), (5, 1), (6, None), (6, 1)])
+@pytest.mark.parametrize(
+    ('sensors', 'missing'),
+    [
+        (4, None),
+        (5, None),
+        (5, 1),
+        (6, None),
+        (6, 1),
+    ],
+)
 def test_a_bound_of_the_parity_replaces_what_large_biases_would_allow(sensors, missing):
     """Errors of any direction whose part that no motion explains is as long as the bound."""
     rotation = kinematics.workspace_pose(0.2, 1.0, 0.4)

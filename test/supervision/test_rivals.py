@@ -91,7 +91,14 @@ def test_b_the_bound_of_a_sensor_is_infinite_until_its_rivals_are_known():
     assert (found.error[wrong] <= found.result.bounds[wrong, 3]).all()
 
 
-@pytest.mark.parametrize('axis', [(0.0, 0.0, 1.0), (1.0, 1.0, 1.0), (-0.54, 0.81, -0.22)])
+@pytest.mark.parametrize(
+    'axis',
+    [
+        (0.0, 0.0, 1.0),
+        (1.0, 1.0, 1.0),
+        (-0.54, 0.81, -0.22),
+    ],
+)
 def test_v6_a_motion_on_which_the_parity_stays_zero_confirms_nothing(axis):
     """th3A is off from power on such that all fit another orientation; then it turns by 7 deg."""
     pose = at([29.4])[0]
@@ -272,7 +279,12 @@ def test_s1_a_reading_that_is_missing_while_moving_is_no_jump_of_the_others(gone
 
 
 @pytest.mark.parametrize(
-    ('kind', 'first', 'gone'), [('fast', 450, 20), ('sweep', 450, 150), ('rim', 450, 60)]
+    ('kind', 'first', 'gone'),
+    [
+        ('fast', 450, 20),
+        ('sweep', 450, 150),
+        ('rim', 450, 60),
+    ],
 )
 @pytest.mark.parametrize('sensor', [0, 3])
 def test_s1_in_fast_motion_the_others_are_told_of_the_skipped_time(kind, first, gone, sensor):

@@ -36,7 +36,11 @@ def test_as_many_consistent_samples_as_set_precede_the_first_orientation(count):
 
 @pytest.mark.parametrize(
     ('value', 'words'),
-    [(nan, 'joint_3a missing'), (inf, 'angle not finite'), (-inf, 'angle not finite')],
+    [
+        (nan, 'joint_3a missing'),
+        (inf, 'angle not finite'),
+        (-inf, 'angle not finite'),
+    ],
 )
 def test_an_angle_that_is_no_number_is_withheld_and_is_silence_only_if_it_lasts(value, words):
     rig = Rig()

@@ -28,7 +28,15 @@ def test_a_lost_frame_is_no_state_and_three_are_a_missing_sensor_until_it_agrees
     assert rig.state == 'healthy'
 
 
-@pytest.mark.parametrize('contradiction', [{}, {'th1b': 5.0}, {'th1a': 5.0}, {'th1b': nan}])
+@pytest.mark.parametrize(
+    'contradiction',
+    [
+        {},
+        {'th1b': 5.0},
+        {'th1a': 5.0},
+        {'th1b': nan},
+    ],
+)
 def test_an_excluded_sensor_is_used_after_its_recovery_in_one_piece(contradiction):
     rig = Rig(6, recovery=0.1005, **WINDOW)
     rig.samples(30, th1b=5.0)

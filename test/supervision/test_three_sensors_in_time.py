@@ -65,7 +65,14 @@ def test_a_sensor_that_nobody_can_name_is_silence():
     assert rig.state.endswith('sensor undetermined')
 
 
-@pytest.mark.parametrize('moved', [{'th1a': nan}, {'th1a': inf}, {'th1b': nan}])
+@pytest.mark.parametrize(
+    'moved',
+    [
+        {'th1a': nan},
+        {'th1a': inf},
+        {'th1b': nan},
+    ],
+)
 def test_fewer_than_three_or_no_numbers_are_silence(moved):
     rig = degraded()
     assert None not in rig.samples(30, **(WRONG | moved))

@@ -86,7 +86,12 @@ def fall_silent(rig):
 
 
 @pytest.mark.parametrize(
-    'end', [lambda rig: rig.run(120), fall_silent, lambda rig: rig.machine.disengage()]
+    'end',
+    [
+        lambda rig: rig.run(120),
+        fall_silent,
+        lambda rig: rig.machine.disengage(),
+    ],
 )
 def test_an_enable_that_was_not_used_lapses(end):
     rig = Rig(enable_timeout=0.1).ready()

@@ -10,7 +10,14 @@ from spm_haptic_master.teleoperation.jaw import FollowingJaw
 MS = 1_000_000
 
 
-@pytest.mark.parametrize(('gripper', 'jaw'), [(0.2, 0.6), (0.6, 0.2), (0.3, 0.3)])
+@pytest.mark.parametrize(
+    ('gripper', 'jaw'),
+    [
+        (0.2, 0.6),
+        (0.6, 0.2),
+        (0.3, 0.3),
+    ],
+)
 def test_the_jaw_starts_where_it_is_and_meets_the_gripper(gripper, jaw):
     following = FollowingJaw(0.5, gripper, jaw, 0)
     angles = [following.advance(gripper, 5 * MS * step) for step in range(200)]

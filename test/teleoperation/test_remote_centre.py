@@ -229,7 +229,10 @@ def test_the_end_of_the_range_is_met_gently_and_left_again():
 
 @pytest.mark.parametrize(
     'seed',
-    [*range(6), *(pytest.param(seed, marks=pytest.mark.evidence) for seed in range(6, 20))],
+    [
+        *range(6),
+        *(pytest.param(seed, marks=pytest.mark.evidence) for seed in range(6, 20)),
+    ],
 )
 def test_the_tilt_of_the_shaft_never_exceeds_its_limit(seed):
     draw = np.random.default_rng(3000 + seed)

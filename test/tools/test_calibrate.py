@@ -343,7 +343,10 @@ def test_a_noisy_encoder_is_refused_below_the_limit_given(capsys, tmp_path):
 
 @pytest.mark.parametrize(
     'arguments',
-    [('--pose', *POSES[0], '--jig-error', 0.1, '-p', 'replay.rate:=20.0'), ('--motion',)],
+    [
+        ('--pose', *POSES[0], '--jig-error', 0.1, '-p', 'replay.rate:=20.0'),
+        ('--motion',),
+    ],
 )
 def test_a_calibration_of_six_with_one_missing_names_it(
     tmp_path,

@@ -71,7 +71,11 @@ def test_the_truth_is_written_beside_the_rig(
 
 
 @pytest.mark.parametrize(
-    ('directory', 'words'), [('', 'rig.json: already exists'), ('file', 'cannot be written')]
+    ('directory', 'words'),
+    [
+        ('', 'rig.json: already exists'),
+        ('file', 'cannot be written'),
+    ],
 )
 def test_a_truth_that_cannot_be_written_ends_in_one_line(
     capsys,

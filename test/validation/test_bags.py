@@ -188,7 +188,12 @@ def test_a_directory_that_is_not_complete(split):
 
 @pytest.mark.parametrize(
     'name, content',
-    [('a.db3', b'no database ' * 1000), ('a.db3', b''), ('a.mcap', b'none'), ('a.mcap', None)],
+    [
+        ('a.db3', b'no database ' * 1000),
+        ('a.db3', b''),
+        ('a.mcap', b'none'),
+        ('a.mcap', None),
+    ],
 )
 def test_a_file_that_is_no_recording(
     tmp_path,

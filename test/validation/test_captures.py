@@ -119,7 +119,14 @@ def exchanged(
 
 
 @pytest.mark.parametrize('rows', [[1900], slice(1900, 1930)])
-@pytest.mark.parametrize(('first', 'second'), [(2, 3), (0, 1), (1, 2)])
+@pytest.mark.parametrize(
+    ('first', 'second'),
+    [
+        (2, 3),
+        (0, 1),
+        (1, 2),
+    ],
+)
 def test_M1_exchanged_markers_are_left_out_and_counted(
     recorded,
     markers,
@@ -185,7 +192,11 @@ def test_M2_a_clock_that_is_fast_is_fitted(recorded, poses):
 
 
 @pytest.mark.parametrize(
-    'change', [lambda q: q * [-1.0, -1.0, -1.0, 1.0], lambda q: np.roll(q, 1, axis=1)]
+    'change',
+    [
+        lambda q: q * [-1.0, -1.0, -1.0, 1.0],
+        lambda q: np.roll(q, 1, axis=1),
+    ],
 )
 def test_M2_the_inverse_and_another_order_of_quaternions_are_named(
     recorded,

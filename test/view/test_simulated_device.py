@@ -84,7 +84,16 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     assert sliders(6.0, 40.0, 30.0) == [6.0, 40.0, 30.0]
 
 
-@pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (6, 1), (6, 2)])
+@pytest.mark.parametrize(
+    ('sensors', 'number'),
+    [
+        (4, 0),
+        (4, 1),
+        (4, 2),
+        (6, 1),
+        (6, 2),
+    ],
+)
 def test_a_story_does_its_steps_each_with_its_sentence_and_ends_with_a_verdict(
     shown,
     sensors,
