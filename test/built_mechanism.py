@@ -50,15 +50,18 @@ class Built:
 
     def _at_zero(self, k):
         nominal = np.linalg.matrix_power(LEG_TURN, k)
-        side = smallest_turn(nominal[:, 2], self.base[k]) @ nominal[:, 0]
+        nominal_side, _, nominal_first = nominal.T
         first = self.base[k]
+        side = smallest_turn(nominal_first, first) @ nominal_side
         second = turn(self.alpha[k] * side) @ first
-        third = turn((self.alpha[k] + self.beta[k]) * side) @ first
+        stretched = self.alpha[k] + self.beta[k]
+        third = turn(stretched * side) @ first
         # Where the platform's third axis and the direction beside it are in the platform frame.
-        turned = about_z(2.0 * math.pi * k / 3.0)
-        beside = smallest_turn(np.array([0.0, 0.0, 1.0]), self.platform[k]) @ turned[:, 0]
+        on_platform = self.platform[k]
+        drawn_beside, _, drawn = about_z(2.0 * math.pi * k / 3.0).T
+        beside = smallest_turn(drawn, on_platform) @ drawn_beside
         here = np.stack([side, np.cross(third, side), third])
-        there = np.stack([beside, np.cross(self.platform[k], beside), self.platform[k]])
+        there = np.stack([beside, np.cross(on_platform, beside), on_platform])
         return first, second, third, here.T @ there
 
     def chain(self, k, th1, th2, th3):
@@ -68,12 +71,10 @@ class Built:
 
     def second_axes(self, th1):
         """Z2A, Z2B, Z2C in the base frame."""
-        return np.array(
-            [
-                turn(angle * first) @ second
-                for angle, (first, second, _, _) in zip(th1, self.zero, strict=True)
-            ]
-        )
+        axes = []
+        for angle, (first, second, _, _) in zip(th1, self.zero, strict=True):
+            axes.append(turn(angle * first) @ second)
+        return np.array(axes)
 
     def third_axes(self, R):
         """Z3A, Z3B, Z3C in the base frame, (..., 3, 3)."""
@@ -81,23 +82,27 @@ class Built:
 
     def closures(self, th1, R):
         """Loop closure errors of the three legs, (..., 3)."""
-        return (self.second_axes(th1) * self.third_axes(R)).sum(-1) - np.cos(self.beta)
+        cosines = (self.second_axes(th1) * self.third_axes(R)).sum(-1)
+        return cosines - np.cos(self.beta)
 
     def leg_volumes(self, th1, R):
         """B_kk = Z1k . (Z2k x Z3k) of the three legs, (..., 3)."""
-        return (self.base * np.cross(self.second_axes(th1), self.third_axes(R))).sum(-1)
+        normals = np.cross(self.second_axes(th1), self.third_axes(R))
+        return (self.base * normals).sum(-1)
 
     def working_mode(self, th1, R):
         """Return the signs of B_kk."""
-        return tuple(np.sign(self.leg_volumes(th1, R)).astype(int).tolist())
+        signs = np.sign(self.leg_volumes(th1, R))
+        return tuple(signs.astype(int).tolist())
 
     def margins(self, R):
         """Angles from Z1k to Z3k within the limits of their reach, rad, (..., 3)."""
-        spans = np.arccos(np.clip((self.base * self.third_axes(R)).sum(-1), -1.0, 1.0))
-        return np.minimum(
-            spans - abs(self.alpha - self.beta),
-            np.minimum(self.alpha + self.beta, 2.0 * math.pi - self.alpha - self.beta) - spans,
-        )
+        cosines = (self.base * self.third_axes(R)).sum(-1)
+        spans = np.arccos(np.clip(cosines, -1.0, 1.0))
+        stretched = self.alpha + self.beta
+        smallest = abs(self.alpha - self.beta)
+        largest = np.minimum(stretched, 2.0 * math.pi - stretched)
+        return np.minimum(spans - smallest, largest - spans)
 
     def reachable_rotation(self, rng, slack=0.05):
         """Draw a rotation within reach by `slack` rad."""
@@ -109,18 +114,27 @@ class Built:
 
 def nominal(alpha=ALPHA, beta=BETA, gamma=GAMMA):
     """Return a nominal mechanism."""
-    base = np.array([np.linalg.matrix_power(LEG_TURN, k)[:, 2] for k in range(3)])
-    platform = np.array(
-        [(about_z(2.0 * math.pi * k / 3.0) @ about_x(-gamma))[:, 2] for k in range(3)]
+    base = []
+    platform = []
+    for k in range(3):
+        motor = np.linalg.matrix_power(LEG_TURN, k)
+        joint = about_z(2.0 * math.pi * k / 3.0) @ about_x(-gamma)
+        base.append(motor[:, 2])
+        platform.append(joint[:, 2])
+    return Built(
+        np.array(base),
+        np.array(platform),
+        np.full(3, alpha),
+        np.full(3, beta),
     )
-    return Built(base, platform, np.full(3, alpha), np.full(3, beta))
 
 
 def random_nominal(rng):
     """Draw a nominal mechanism that reaches about one rotation in a hundred or more."""
     while True:
         drawn = nominal(*rng.uniform(0.3, 2.4, 3))
-        if drawn.margins(random_rotations(rng, 100)).min(-1).max() > 0.05:
+        smallest_margins = drawn.margins(random_rotations(rng, 100)).min(-1)
+        if smallest_margins.max() > 0.05:
             return drawn
 
 
@@ -131,8 +145,10 @@ def random_built(rng, deviation_deg=2.0, **angles):
 
     def off(axes):
         vectors = rng.normal(size=(3, 3))
-        vectors *= most * rng.uniform(size=(3, 1)) / np.linalg.norm(vectors, axis=1)[:, None]
-        return np.array([turn(vector) @ axis for vector, axis in zip(vectors, axes, strict=True)])
+        angles = most * rng.uniform(size=(3, 1))
+        vectors *= angles / np.linalg.norm(vectors, axis=1, keepdims=True)
+        turned = [turn(vector) @ axis for vector, axis in zip(vectors, axes, strict=True)]
+        return np.array(turned)
 
     return Built(
         off(drawn.base),

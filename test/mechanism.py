@@ -9,7 +9,13 @@ import numpy as np
 
 MODES = [(a, b, c) for a in (1, -1) for b in (1, -1) for c in (1, -1)]
 # Rotation of the base frame of leg A to that of leg B: z to x to y.
-LEG_TURN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+LEG_TURN = np.array(
+    [
+        [0.0, 0.0, 1.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+    ]
+)
 
 # ZXZ angles psi, theta of the workspace's centre (rad).
 CENTRE = math.radians(135.0), math.acos(1.0 / math.sqrt(3.0))
@@ -22,14 +28,26 @@ def about_z(angle):
     """Matrix of a turn about z, rad."""
     c = math.cos(angle)
     s = math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.array(
+        [
+            [c, -s, 0.0],
+            [s, c, 0.0],
+            [0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def about_x(angle):
     """Matrix of a turn about x, rad."""
     c = math.cos(angle)
     s = math.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return np.array(
+        [
+            [1.0, 0.0, 0.0],
+            [0.0, c, -s],
+            [0.0, s, c],
+        ]
+    )
 
 
 def zxz(psi, theta, phi):
@@ -44,7 +62,13 @@ def turn(vector):
     if angle == 0.0:
         return np.eye(3)
     x, y, z = vector / angle
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    k = np.array(
+        [
+            [0.0, -z, y],
+            [z, 0.0, -x],
+            [-y, x, 0.0],
+        ]
+    )
     return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k
 
 
@@ -62,7 +86,9 @@ def small_vector(matrices):
 
 def angle_between(p, q):
     """Angle between two rotations, rad; good for small ones too."""
-    return 2.0 * math.asin(min(1.0, np.linalg.norm(np.asarray(p) - q) / math.sqrt(8.0)))
+    distance = np.linalg.norm(np.asarray(p) - q)
+    sine_of_half = distance / math.sqrt(8.0)
+    return 2.0 * math.asin(min(1.0, sine_of_half))
 
 
 def tilted(phi, tilt, azimuth):

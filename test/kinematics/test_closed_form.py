@@ -35,15 +35,16 @@ def check_models(built, mode, rng):
     th2a = float(joints.theta2a)
     th3a = float(joints.theta3a)
     chain = LockedChain.of(th1.tolist(), g, FLOATS)
-    _, _, case_1 = common_turn(*chain.turn_equations(math.cos(th2a), math.sin(th2a)))
+    equations = chain.turn_equations(math.cos(th2a), math.sin(th2a))
+    _, _, case_1 = common_turn(*equations)
     case_2 = case_2_determinant([*th1, th3a], g)
+    by_theta2a = kinematics.forward_theta2a(th1, th2a, g)
+    by_theta3a = kinematics.forward_theta3a(th1, th3a, g)
     quaternion = kinematics.theta3a_quaternion(*th1.tolist(), th3a, g)
-    for found, determinant in (
-        (kinematics.forward_theta2a(th1, th2a, g), case_1),
-        (kinematics.forward_theta3a(th1, th3a, g), case_2),
-        (kinematics.matrix_from_quaternion(quaternion), case_2),
-    ):
-        assert angle_between(found, R) < CLOSED_FORM_ROUNDING / abs(determinant)
+    of_floats = kinematics.matrix_from_quaternion(quaternion)
+    assert angle_between(by_theta2a, R) < CLOSED_FORM_ROUNDING / abs(case_1)
+    assert angle_between(by_theta3a, R) < CLOSED_FORM_ROUNDING / abs(case_2)
+    assert angle_between(of_floats, R) < CLOSED_FORM_ROUNDING / abs(case_2)
     singular = kinematics.parallel_determinant(R, g, mode)
     if min(abs(singular), abs(case_2)) < WELL_POSED:
         return False
@@ -59,7 +60,8 @@ def check_inverse(built, mode, R, joints):
     np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
     assert built.working_mode(th1, R) == mode
     # By floats th1, th2 and th3 of each leg.
-    floats = kinematics.mechanism_angles(tuple(R.ravel().tolist()), built.geometry, mode)
+    rows = tuple(R.ravel().tolist())
+    floats = kinematics.mechanism_angles(rows, built.geometry, mode)
     for leg in range(3):
         chain = built.chain(leg, *floats[3 * leg : 3 * leg + 3])
         assert angle_between(chain, R) < 1e-9
@@ -87,7 +89,10 @@ def check_assembly_modes(built, th1, modes):
 @pytest.mark.parametrize('number', [30, pytest.param(200, marks=pytest.mark.evidence)])
 def test_models_of_random_mechanisms_in_a_working_mode(mode, number):
     rng = np.random.default_rng(183)
-    assert sum(check_models(random_built(rng), mode, rng) for _ in range(number)) >= 0.9 * number
+    well_posed = 0
+    for _ in range(number):
+        well_posed += check_models(random_built(rng), mode, rng)
+    assert well_posed >= 0.9 * number
 
 
 def test_long_batches_are_their_rows():
@@ -98,22 +103,26 @@ def test_long_batches_are_their_rows():
         passive = rng.uniform(-3.0, 3.0, SLICE - 100)
         R = model(th1, passive)
         assert R.shape == (2, SLICE - 100, 3, 3)
-        for index in ((0, 0), (0, SLICE - 101), (1, 50), (1, 99), (1, 100), (1, SLICE - 101)):
-            np.testing.assert_array_equal(
-                R[index],
-                model(th1[index][None], passive[index[1]])[0],
-            )
+        for number in (0, SLICE - 101):
+            alone = model(th1[0, number][None], passive[number])
+            np.testing.assert_array_equal(R[0, number], alone[0])
+        for number in (50, 99, 100, SLICE - 101):
+            alone = model(th1[1, number][None], passive[number])
+            np.testing.assert_array_equal(R[1, number], alone[0])
 
 
 def degenerate(size):
     """Four angles at which the closed form's determinant has this value, by Newton's method."""
+
+    def determinant(th1c):
+        return case_2_determinant((1.1, 1.0, th1c, 0.4))
+
     angle = 1.1
     for _ in range(30):
-        error, ahead = (
-            case_2_determinant((1.1, 1.0, x, 0.4)) - size for x in (angle, angle + 1e-6)
-        )
+        error = determinant(angle) - size
+        ahead = determinant(angle + 1e-6) - size
         angle -= 1e-6 * error / (ahead - error)
-    assert case_2_determinant((1.1, 1.0, angle, 0.4)) == pytest.approx(size, rel=1e-3)
+    assert determinant(angle) == pytest.approx(size, rel=1e-3)
     return 1.1, 1.0, angle, 0.4
 
 
@@ -121,30 +130,41 @@ def degenerate(size):
 def test_closed_form_down_to_its_least_determinant(sign):
     answered = degenerate(sign * 1.5e-9)
     refused = degenerate(sign * 0.7e-9)
-    R = kinematics.matrix_from_quaternion(kinematics.theta3a_quaternion(*answered, PAPER))
-    np.testing.assert_allclose(kinematics.forward_theta3a(answered[:3], answered[3]), R, atol=1e-5)
+    *th1, th3a = answered
+    by_arrays = kinematics.forward_theta3a(th1, th3a)
+    quaternion = kinematics.theta3a_quaternion(*answered, PAPER)
+    by_floats = kinematics.matrix_from_quaternion(quaternion)
+    np.testing.assert_allclose(by_arrays, by_floats, atol=1e-5)
     with pytest.raises(SingularityError, match='determinant'):
         kinematics.theta3a_quaternion(*refused, PAPER)
     with pytest.raises(SingularityError, match='determinant'):
         kinematics.forward_theta3a(refused[:3], refused[3])
     batch = kinematics.forward_theta3a([answered[:3], refused[:3]], 0.4)
-    np.testing.assert_array_equal(
-        np.isnan(batch).any(axis=(1, 2)),
-        [False, True],
-    )
+    failed = np.isnan(batch).any(axis=(1, 2))
+    assert failed.tolist() == [False, True]
 
 
 def test_half_turns_of_points_all_round():
     """The point 0 has the angle 0; NaN stays NaN."""
     near = np.array([1e-9, 1e-15])
     angles = np.concatenate(
-        [np.linspace(-3.1, 3.1, 50), math.pi - near, near - math.pi, -near, near, [0.0, np.nan]]
+        [
+            np.linspace(-3.1, 3.1, 50),
+            math.pi - near,
+            near - math.pi,
+            -near,
+            near,
+            [0.0, np.nan],
+        ]
     )
+    expected = np.cos(0.5 * angles), np.sin(0.5 * angles)
     for radius in (1e-9, 1.0, 1e6):
         y = radius * np.sin(angles)
         x = radius * np.cos(angles)
-        y[-2] = x[-2] = 0.0
-        expected = np.cos(0.5 * angles), np.sin(0.5 * angles)
-        np.testing.assert_allclose(ARRAYS.half_turn(y, x), expected, rtol=0.0, atol=1e-15)
-        floats = [FLOATS.half_turn(*point) for point in zip(y.tolist(), x.tolist(), strict=True)]
+        y[-2] = 0.0
+        x[-2] = 0.0
+        arrays = ARRAYS.half_turn(y, x)
+        points = zip(y.tolist(), x.tolist(), strict=True)
+        floats = [FLOATS.half_turn(*point) for point in points]
+        np.testing.assert_allclose(arrays, expected, rtol=0.0, atol=1e-15)
         np.testing.assert_allclose(np.transpose(floats), expected, rtol=0.0, atol=1e-15)

@@ -17,31 +17,42 @@ PERIOD = 1_000_000
 
 
 # Directions and angles (rad) of a grid of rotations, 0 and pi among them.
-AXES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, -2, 0.5)]
+AXES = [
+    (1, 0, 0),
+    (0, 1, 0),
+    (0, 0, 1),
+    (1, 1, 1),
+    (1, -2, 0.5),
+]
 ANGLES = [0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi]
 
 
 def grid_of_rotations():
     """Return the rotations of each angle about each axis, (5, 5, 3, 3)."""
     directions = [np.array(axis) / np.linalg.norm(axis) for axis in AXES]
-    return np.array([[turn(angle * axis) for axis in directions] for angle in ANGLES])
+    rows = []
+    for angle in ANGLES:
+        rows.append([turn(angle * axis) for axis in directions])
+    return np.array(rows)
 
 
 def test_quaternion_of_matrix_at_every_angle():
     R = grid_of_rotations()
     q = rotations.quaternion_from_matrix(R)
     assert q.shape == (5, 5, 4)
-    about_z = q[ANGLES.index(1.0), AXES.index((0, 0, 1))]
-    half = 0.5
-    np.testing.assert_allclose(about_z, [0.0, 0.0, math.sin(half), math.cos(half)], atol=1e-15)
+    one_radian = ANGLES.index(1.0)
+    z = AXES.index((0, 0, 1))
+    expected = (0.0, 0.0, math.sin(0.5), math.cos(0.5))
+    np.testing.assert_allclose(q[one_radian, z], expected, atol=1e-15)
     assert (q[..., 3] >= 0.0).all()
-    np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1.0, atol=1e-15)
+    lengths = np.linalg.norm(q, axis=-1)
+    np.testing.assert_allclose(lengths, 1.0, atol=1e-15)
     np.testing.assert_allclose(rotations.matrix_from_quaternion(q), R, atol=2e-15)
 
 
 def test_batches_keep_their_shape():
-    R = grid_of_rotations()
-    assert [angle.shape for angle in rotations.zxz_from_matrix(R)] == [(5, 5)] * 3
+    for angle in rotations.zxz_from_matrix(grid_of_rotations()):
+        assert angle.shape == (5, 5)
     nothing = np.zeros((0, 3, 3))
     assert rotations.quaternion_from_matrix(nothing).shape == (0, 4)
 
@@ -109,7 +120,8 @@ def test_rotations_and_quaternions_are_checked_to_their_tolerance(excess, accept
 @pytest.fixture
 def zxz_angles():
     """Return psi, theta and phi, theta at 0 and pi in some: there one of the others is free."""
-    psi, theta, phi = np.random.default_rng(9).uniform(-7.0, 7.0, (3, 300))
+    rng = np.random.default_rng(9)
+    psi, theta, phi = rng.uniform(-7.0, 7.0, (3, 300))
     theta[:50] = 0.0
     theta[50:100] = math.pi
     return psi, theta, phi
@@ -127,12 +139,14 @@ def test_zxz_angles_and_matrices_are_each_other(zxz_angles):
 def test_zxz_of_one_rotation_are_those_of_a_batch(zxz_angles):
     R = rotations.matrix_from_zxz(*zxz_angles)
     back = np.transpose(rotations.zxz_from_matrix(R))
-    for angles, matrix, of_batch in zip(np.transpose(zxz_angles), R, back, strict=True):
+    rows = np.transpose(zxz_angles)
+    for angles, matrix, of_batch in zip(rows, R, back, strict=True):
         expected = zxz(*angles)
-        floats = np.reshape(rotations.zxz_rotation(*angles.tolist()), (3, 3))
+        floats = rotations.zxz_rotation(*angles.tolist())
         np.testing.assert_allclose(matrix, expected, atol=2e-15)
-        np.testing.assert_allclose(floats, expected, atol=2e-15)
-        one = rotations.zxz_angles(*rotations.quaternion_from_matrix(matrix).tolist())
+        np.testing.assert_allclose(np.reshape(floats, (3, 3)), expected, atol=2e-15)
+        quaternion = rotations.quaternion_from_matrix(matrix)
+        one = rotations.zxz_angles(*quaternion.tolist())
         for found, other in zip(one, of_batch, strict=True):
             assert abs(math.remainder(found - other, 2.0 * math.pi)) < 2e-15
 
@@ -156,9 +170,8 @@ def test_a_constant_turn_in_the_base_frame_from_half_a_window_on():
         assert (value is None) == (step < 11)
         if step in (11, 59):
             np.testing.assert_allclose(value, omega, atol=2e-3)
-        quaternion = rotations.quaternion_from_matrix(
-            turn(1e-9 * omega * step * PERIOD) @ zxz(0.3, 0.4, 0.5)
-        )
+        turned = turn(1e-9 * omega * step * PERIOD)
+        quaternion = rotations.quaternion_from_matrix(turned @ zxz(0.3, 0.4, 0.5))
         last = quaternion if quaternion @ last >= 0.0 else -quaternion
         velocity.add(step * PERIOD, tuple(last.tolist()))
 
@@ -170,10 +183,13 @@ def test_slope_of_what_is_in_the_window(origin):
     # window, the second on its edge.
     rng = np.random.default_rng(71)
     velocity = rotations.AngularVelocity(WINDOW)
-    stamps = np.array([-1, 0, 1_000_000, 5_000_000, 6_500_000, 7_000_000, 13_000_000, 20_000_000])
+    milliseconds = np.array([0.0, 0.0, 1.0, 5.0, 6.5, 7.0, 13.0, 20.0])
+    stamps = (1e6 * milliseconds).astype(int)
+    stamps[0] = -1
     vectors = 1e-4 * rng.normal(size=(8, 3))
     vectors[-1] = 0.0
     for stamp, vector in zip(stamps.tolist(), vectors, strict=True):
-        velocity.add(origin + stamp, (*(0.5 * vector).tolist(), 1.0))
-    slope = np.polyfit(1e-9 * stamps[1:], vectors[1:], 1)[0]
+        x, y, z = (0.5 * vector).tolist()
+        velocity.add(origin + stamp, (x, y, z, 1.0))
+    slope, _ = np.polyfit(1e-9 * stamps[1:], vectors[1:], 1)
     np.testing.assert_allclose(velocity.value(), slope, rtol=1e-9)
