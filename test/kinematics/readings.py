@@ -23,10 +23,15 @@ UNEQUAL = SIGMA * np.array([1.0, 2.0, 0.5, 1.5, 0.8, 1.2])
 def all_angles(R, g=PAPER, mode=(1, 1, 1)):
     """Return the true readings of six sensors."""
     joints = inverse(R, g, mode)
-    return np.concatenate(
-        [joints.theta1, np.stack([joints.theta3a, joints.theta3b, joints.theta3c], axis=-1)],
+    theta3 = np.stack(
+        [
+            joints.theta3a,
+            joints.theta3b,
+            joints.theta3c,
+        ],
         axis=-1,
     )
+    return np.concatenate([joints.theta1, theta3], axis=-1)
 
 
 def four_angles(R, g=PAPER, mode=(1, 1, 1)):
@@ -41,28 +46,18 @@ def wrapped(angles):
 
 def differences(R, g=PAPER, mode=(1, 1, 1), step=1e-5):
     """Rates of six sensors along turns about the base axes, by central differences, (6, 3)."""
-    return np.stack(
-        [
-            wrapped(
-                all_angles(turn(step * axis) @ R, g, mode)
-                - all_angles(turn(-step * axis) @ R, g, mode)
-            )
-            / (2.0 * step)
-            for axis in np.eye(3)
-        ],
-        axis=-1,
-    )
+    rates = []
+    for axis in np.eye(3):
+        ahead = all_angles(turn(step * axis) @ R, g, mode)
+        behind = all_angles(turn(-step * axis) @ R, g, mode)
+        rates.append(wrapped(ahead - behind) / (2.0 * step))
+    return np.stack(rates, axis=-1)
 
 
 def estimated(readings, sigma=SIGMA, g=PAPER, **options):
     """Estimate from readings (..., N)."""
-    more = dict(
-        zip(
-            ('theta3b', 'theta3c'),
-            np.moveaxis(readings[..., 4:], -1, 0),
-            strict=False,
-        )
-    )
+    further = np.moveaxis(readings[..., 4:], -1, 0)
+    more = dict(zip(('theta3b', 'theta3c'), further, strict=False))
     return estimate(
         readings[..., :3],
         readings[..., 3],
@@ -75,7 +70,8 @@ def estimated(readings, sigma=SIGMA, g=PAPER, **options):
 
 def bound(R, sigma, g=PAPER, mode=(1, 1, 1), sensors=4):
     """Cramer-Rao bound: covariance of the rotation vector, from the Jacobian."""
-    G = jacobian(R, g, mode, sensors) / np.broadcast_to(sigma, sensors)[:, None]
+    deviations = np.broadcast_to(sigma, sensors)
+    G = jacobian(R, g, mode, sensors) / deviations[:, None]
     return np.linalg.inv(G.T @ G)
 
 
@@ -109,7 +105,8 @@ def near_boundary(leg, size):
     """Pose at which B_kk of one leg has this size, and the other legs are well within reach."""
     rng = np.random.default_rng(80)
     # B_kk = sin alpha sin beta sin th2k.
-    th2a = math.asin(size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta)))
+    sine = size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta))
+    th2a = math.asin(sine)
     while True:
         R = nominal().chain(
             0,
@@ -123,4 +120,6 @@ def near_boundary(leg, size):
     third = 2.0 * math.pi / 3.0
     base = turn(np.full(3, third / math.sqrt(3.0)))
     platform = zxz(0.0, 0.0, -third)
-    return np.linalg.matrix_power(base, leg) @ R @ np.linalg.matrix_power(platform, leg)
+    for _ in range(leg):
+        R = base @ R @ platform
+    return R

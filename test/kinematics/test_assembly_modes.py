@@ -34,8 +34,10 @@ def search(built, th1, rng):
         f = f[error > 1e-13]
         rows = np.cross(third, second)
         damping = 1e-3 * (f**2).sum(-1) + 1e-28
-        normal = np.swapaxes(rows, 1, 2) @ rows + damping[:, None, None] * np.eye(3)
-        step = -np.linalg.solve(normal, np.swapaxes(rows, 1, 2) @ f[..., None])[..., 0]
+        columns = np.swapaxes(rows, 1, 2)
+        normal = columns @ rows + damping[:, None, None] * np.eye(3)
+        gradient = columns @ f[..., None]
+        step = -np.linalg.solve(normal, gradient)[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
         step *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-30))
         R = matrix_from_vector(step) @ R
@@ -132,9 +134,12 @@ def test_a_root_where_the_half_angle_has_no_tangent(th2a):
     rng = np.random.default_rng(24)
     tried = 0
     while tried < 8:
-        R = nominal().chain(0, rng.uniform(-3, 3), th2a, rng.uniform(-3, 3))
+        th1a = rng.uniform(-3, 3)
+        th3a = rng.uniform(-3, 3)
+        R = nominal().chain(0, th1a, th2a, th3a)
+        mode = mechanism.MODES[rng.integers(8)]
         try:
-            th1 = kinematics.inverse(R, working_mode=mechanism.MODES[rng.integers(8)]).theta1
+            th1 = kinematics.inverse(R, working_mode=mode).theta1
         except UnreachableError:
             continue
         tried += 1
@@ -179,8 +184,9 @@ def test_two_modes_that_share_th2a(built, th1a, th1b, th1c, th2a, first, second)
 def test_free_motion_is_reported():
     # alpha = acos(1 / sqrt 3): all Z2k can meet on (1, 1, 1); if gamma = beta the platform spins.
     alpha = math.acos(1.0 / math.sqrt(3.0))
+    g = kinematics.Geometry(alpha, 0.5, 0.5)
     with pytest.raises(SingularityError, match='freely'):
-        kinematics.forward_all(np.radians([135.0] * 3), kinematics.Geometry(alpha, 0.5, 0.5))
+        kinematics.forward_all(np.radians([135.0] * 3), g)
 
 
 def test_tracking_through_figure_10():

@@ -34,26 +34,45 @@ def test_nominal_axes_are_the_nominal_mechanism(angles):
     np.testing.assert_allclose(as_built.chain, g.chain, atol=1e-15)
     R = workspace_pose(0.1, 0.2, 0.3)
     if angles[0] == ALPHA:
-        np.testing.assert_allclose(all_angles(R, as_built), all_angles(R, g), atol=1e-12)
+        expected = all_angles(R, g)
+        np.testing.assert_allclose(all_angles(R, as_built), expected, atol=1e-12)
 
 
-def test_a_mechanism_is_a_value():
-    drawn = random_built(np.random.default_rng(198))
-    built = drawn.geometry
-    again = Built(drawn.base, drawn.platform, drawn.alpha, drawn.beta).geometry
-    assert built is not again
+DRAWN = random_built(np.random.default_rng(198))
+AGAIN = Built(
+    DRAWN.base,
+    DRAWN.platform,
+    DRAWN.alpha,
+    DRAWN.beta,
+)
+
+
+@pytest.mark.parametrize(
+    ('g', 'same'),
+    [
+        (DRAWN.geometry, AGAIN.geometry),
+        (Geometry(), Geometry(*np.radians([39.3, 34.1, 18.2]))),
+    ],
+    ids=['as built', 'nominal'],
+)
+def test_a_mechanism_is_a_value(g, same):
+    assert g is not same
+    assert g == same
+    assert hash(g) == hash(same)
+    for copied in (pickle.loads(pickle.dumps(g)), copy.deepcopy(g)):
+        assert copied == g
+        assert copied.chain == g.chain
+    assert eval(repr(g), {'Geometry': Geometry}) == g
+    for name in ('alpha', 'alphas', 'legs', 'other'):
+        with pytest.raises(AttributeError, match=name):
+            setattr(g, name, 1.0)
+
+
+def test_a_mechanism_as_built_has_angles_of_each_leg_and_no_nominal_ones():
+    built = DRAWN.geometry
     assert Geometry() != built
-    for g, same in ((built, again), (Geometry(), Geometry(*np.radians([39.3, 34.1, 18.2])))):
-        assert g == same
-        assert hash(g) == hash(same)
-        for copied in (pickle.loads(pickle.dumps(g)), copy.deepcopy(g)):
-            assert copied == g
-            assert copied.chain == g.chain
-        assert eval(repr(g), {'Geometry': Geometry}) == g
-        for name in ('alpha', 'alphas', 'legs', 'other'):
-            with pytest.raises(AttributeError, match=name):
-                setattr(g, name, 1.0)
-    np.testing.assert_allclose([built.alphas, built.betas], [drawn.alpha, drawn.beta])
+    np.testing.assert_allclose(built.alphas, DRAWN.alpha)
+    np.testing.assert_allclose(built.betas, DRAWN.beta)
     for name in ('alpha', 'beta', 'gamma'):
         with pytest.raises(GeometryError, match=f'{name} of a mechanism as built'):
             getattr(built, name)
@@ -73,12 +92,20 @@ GOOD = nominal()
         ('base_axes', GOOD.base[[0, 0, 2]], 'rows 0 and 1 .*parallel to 0 deg'),
         (
             'base_axes',
-            np.stack([GOOD.base[0], GOOD.base[1], -GOOD.base[1]]),
+            GOOD.base[[0, 1, 1]] * [[1], [1], [-1]],
             'rows 1 and 2 .*parall',
         ),
-        ('base_axes', GOOD.base * [[1], [1], [-1]], r'Z1C = \[.*-1.0, .*\] is opposite to'),
+        (
+            'base_axes',
+            GOOD.base * [[1], [1], [-1]],
+            r'Z1C = \[.*-1.0, .*\] is opposite to',
+        ),
         ('platform_axes', GOOD.platform[[0, 1, 1]], 'rows 1 and 2 .*parallel'),
-        ('platform_axes', [[0, 0, -1], [1, 0, 0], [0, 1, 0]], 'Z3A = .* is opposite to'),
+        (
+            'platform_axes',
+            [[0, 0, -1], [1, 0, 0], [0, 1, 0]],
+            'Z3A = .* is opposite to',
+        ),
         ('alpha', [0.7, 0.7], r'\(2,\)'),
         ('alpha', 0.7, r'\(\)'),
         ('alpha', [0.7, 0.0, 0.7], 'alpha of leg B = 0.0'),
@@ -103,24 +130,25 @@ def test_impossible_mechanisms(name, value, quoted):
 
 @pytest.mark.parametrize('degrees, accepted', [(0.11, True), (0.09, False)])
 def test_axes_apart_by_the_least_angle(degrees, accepted):
-    near = turn([math.radians(degrees), 0.0, 0.0]) @ GOOD.base[0]
-    opposite = turn([0.0, math.radians(degrees), 0.0]) @ -GOOD.base[1]
-    for second in (near, opposite):
-        with (
-            nullcontext()
-            if accepted
-            else pytest.raises(GeometryError, match='deg or more between them')
-        ):
-            Geometry.from_axes(
-                [GOOD.base[0], second, GOOD.base[2]], GOOD.platform, GOOD.alpha, GOOD.beta
-            )
+    angle = math.radians(degrees)
+    first, second, third = GOOD.base
+    near = turn([angle, 0.0, 0.0]) @ first
+    opposite = turn([0.0, angle, 0.0]) @ -second
+    answer = nullcontext()
+    if not accepted:
+        answer = pytest.raises(GeometryError, match='deg or more between them')
+    for other in (near, opposite):
+        base = [first, other, third]
+        with answer:
+            Geometry.from_axes(base, GOOD.platform, GOOD.alpha, GOOD.beta)
 
 
 def test_axes_in_single_precision_are_normalised():
-    g = Geometry.from_axes(
-        GOOD.base.astype(np.float32), GOOD.platform.astype(np.float32), GOOD.alpha, GOOD.beta
-    )
-    np.testing.assert_allclose(np.linalg.norm(g.platform_axes, axis=1), 1.0, atol=1e-15)
+    base = GOOD.base.astype(np.float32)
+    platform = GOOD.platform.astype(np.float32)
+    g = Geometry.from_axes(base, platform, GOOD.alpha, GOOD.beta)
+    lengths = np.linalg.norm(g.platform_axes, axis=1)
+    np.testing.assert_allclose(lengths, 1.0, atol=1e-15)
 
 
 # The nominal mechanism, and others that are built at random.
@@ -138,9 +166,11 @@ def test_in_the_usual_frames_the_base_has_zeros_and_the_platform_is_as_drawn(bui
     # Where the sum of squares is least, no small turn reduces it.
     axes = np.array(there.platform_axes)
     drawn = np.array(Geometry().platform_axes)
-    np.testing.assert_allclose(np.cross(axes, drawn).sum(0), 0.0, atol=1e-14)
+    gradient = np.cross(axes, drawn).sum(0)
+    np.testing.assert_allclose(gradient, 0.0, atol=1e-14)
     turned = axes @ turn([0.1, 0.0, 0.2]).T
-    assert ((axes - drawn) ** 2).sum() < ((turned - drawn) ** 2).sum()
+    least = ((axes - drawn) ** 2).sum()
+    assert least < ((turned - drawn) ** 2).sum()
 
 
 def test_the_nominal_mechanism_is_in_the_usual_frames():
@@ -168,7 +198,11 @@ def test_the_usual_frames_are_the_same_from_any_other_frames(built):
 @pytest.mark.parametrize('built', MECHANISMS)
 def test_in_the_usual_frames_nothing_between_two_axes_changes_nor_their_handedness(built):
     there = in_usual_frames(built.geometry)
-    for found, drawn in ((there.base_axes, built.base), (there.platform_axes, built.platform)):
+    pairs = (
+        (there.base_axes, built.base),
+        (there.platform_axes, built.platform),
+    )
+    for found, drawn in pairs:
         axes = np.array(found)
         np.testing.assert_allclose(axes @ axes.T, drawn @ drawn.T, atol=1e-14)
         assert np.linalg.det(axes) == pytest.approx(np.linalg.det(drawn))

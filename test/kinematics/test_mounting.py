@@ -25,10 +25,10 @@ HANDLE_DEG = [10.0, -20.0, 200.0]
     ],
 )
 def test_the_supervision_publishes_the_handle_on_the_table(base, handle):
-    joints = kinematics.inverse(kinematics.workspace_pose(*np.radians([10.0, 100.0, 60.0])))
-    angles = np.tile([*joints.theta1, joints.theta3a], (40, 1)) + np.random.default_rng(1).normal(
-        0.0, 5e-4, (40, 4)
-    )
+    pose = kinematics.workspace_pose(*np.radians([10.0, 100.0, 60.0]))
+    joints = kinematics.inverse(pose)
+    noise = np.random.default_rng(1).normal(0.0, 5e-4, (40, 4))
+    angles = [*joints.theta1, joints.theta3a] + noise
     stamps = np.arange(40) * 1_000_000
     plain = supervise(stamps, angles)
     mounted = supervise(
@@ -37,14 +37,13 @@ def test_the_supervision_publishes_the_handle_on_the_table(base, handle):
     seen = plain.published
     assert seen.sum() == 36
     assert (mounted.published == seen).all()
-    table, grip = (kinematics.matrix_from_zxz(*np.radians(each)) for each in (base, handle))
-    inner, outer = (
-        kinematics.matrix_from_quaternion(each.quaternion[seen]) for each in (plain, mounted)
-    )
+    table = kinematics.matrix_from_zxz(*np.radians(base))
+    grip = kinematics.matrix_from_zxz(*np.radians(handle))
+    inner = kinematics.matrix_from_quaternion(plain.quaternion[seen])
+    outer = kinematics.matrix_from_quaternion(mounted.quaternion[seen])
     np.testing.assert_allclose(outer, table @ inner @ grip, rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(
-        mounted.covariance[seen], table @ plain.covariance[seen] @ table.T, rtol=0.0, atol=1e-20
-    )
+    expected = table @ plain.covariance[seen] @ table.T
+    np.testing.assert_allclose(mounted.covariance[seen], expected, rtol=0.0, atol=1e-20)
     # What is decided on is the mechanism's own.
     np.testing.assert_array_equal(mounted.protection_level, plain.protection_level)
     assert mounted.state == plain.state

@@ -50,10 +50,11 @@ def name_of(sensors):
 
 def readings_at(R, sensors, mode=(1, 1, 1)):
     """Return the true readings of the mounted sensors; NaN of those that are left out."""
-    return tuple(
-        angle if place in sensors.used else math.nan
-        for place, angle in enumerate(all_angles(R, mode=mode)[: len(sensors.sigma)].tolist())
-    )
+    readings = all_angles(R, mode=mode)[: len(sensors.sigma)].tolist()
+    for place in range(len(readings)):
+        if place not in sensors.used:
+            readings[place] = math.nan
+    return tuple(readings)
 
 
 def quaternion(R):
@@ -62,7 +63,8 @@ def quaternion(R):
 
 def rotated(sample, R):
     """Return the rotation vector, small, from R to a sample's orientation."""
-    return small_vector(kinematics.matrix_from_quaternion(sample.quaternion) @ R.T)
+    found = kinematics.matrix_from_quaternion(sample.quaternion)
+    return small_vector(found @ R.T)
 
 
 # Step of finite differences, rad.
@@ -90,9 +92,10 @@ def differences(sensors, R):
     for place in sensors.used:
         ahead = moved_by(sensors, R, place, STEP)
         behind = moved_by(sensors, R, place, -STEP)
-        gains[place] = (rotated(ahead, R) - rotated(behind, R)) / (2.0 * STEP)
-        change = np.subtract(ahead.parity_vector, behind.parity_vector)
-        parity_gains[place] = change / (2.0 * STEP)
+        rotation = rotated(ahead, R) - rotated(behind, R)
+        parity = np.subtract(ahead.parity_vector, behind.parity_vector)
+        gains[place] = rotation / (2.0 * STEP)
+        parity_gains[place] = parity / (2.0 * STEP)
     return gains, parity_gains
 
 
@@ -122,11 +125,13 @@ def test_gains_are_finite_differences_and_make_the_covariance(sensors):
     R = pose_for(sensors)
     sample = moved_by(sensors, R, sensors.used[0], 0.0)
     gains, parity_gains = differences(sensors, R)
-    np.testing.assert_allclose(sample.gain_sizes, np.linalg.norm(gains, axis=1), rtol=1e-3)
+    sizes = np.linalg.norm(gains, axis=1)
+    np.testing.assert_allclose(sample.gain_sizes, sizes, rtol=1e-3)
     weighted = np.array(sensors.sigma)[:, None] * gains
     covariance = weighted.T @ weighted
     stated = np.reshape(sample.covariance, (3, 3))
-    np.testing.assert_allclose(covariance, stated, rtol=0.0, atol=2e-3 * np.trace(covariance))
+    tolerance = 2e-3 * np.trace(covariance)
+    np.testing.assert_allclose(covariance, stated, rtol=0.0, atol=tolerance)
     of_sample = np.array(sample.parity_gains)
     np.testing.assert_allclose(SIGMA * parity_gains, SIGMA * of_sample, atol=1e-3)
 
@@ -137,7 +142,8 @@ def test_the_parity_vector_is_white_and_an_entry_depends_on_no_later_sensor(sens
     sizes = np.linalg.norm(sample.parity_gains, axis=1)
     np.testing.assert_allclose(sample.parity_sizes, sizes, rtol=1e-9, atol=1e-9)
     white = np.array(sensors.sigma)[:, None] * sample.parity_gains
-    np.testing.assert_allclose(white.T @ white, np.eye(sensors.count - 3), atol=1e-8)
+    identity = np.eye(sensors.count - 3)
+    np.testing.assert_allclose(white.T @ white, identity, atol=1e-8)
     for entry, place in enumerate(sensors.used[3:]):
         later = list(sensors.used[4 + entry :])
         assert white[place, entry]
@@ -151,7 +157,8 @@ def test_a_solution_in_another_working_mode_is_none(sensors, leg):
     R = kinematics.workspace_pose(0.05, 0.5, 0.4)
     mode = tuple(-1 if each == leg else 1 for each in range(3))
     readings = readings_at(R, sensors, mode)
-    assert np.linalg.norm(rotated(kinematics.estimate_sample(readings, sensors, PAPER), R)) < 1e-7
+    in_any_mode = kinematics.estimate_sample(readings, sensors, PAPER)
+    assert np.linalg.norm(rotated(in_any_mode, R)) < 1e-7
     if {leg, 3 + leg} & set(sensors.used):
         for prior in (None, quaternion(R)):
             with pytest.raises(SpmError):
@@ -164,12 +171,40 @@ def test_a_solution_in_another_working_mode_is_none(sensors, leg):
 @pytest.mark.parametrize(('beyond', 'answered'), [(0.018, True), (0.022, False)])
 def test_noise_may_take_a_leg_just_beyond_the_boundary_of_its_mode(leg, beyond, answered):
     mode = tuple(-1 if each == leg else 1 for each in range(3))
-    readings = tuple(four_angles(near_boundary(leg, beyond), mode=mode).tolist())
+    R = near_boundary(leg, beyond)
+    readings = tuple(four_angles(R, mode=mode).tolist())
+    sensors = kinematics.UsedSensors((SIGMA,) * 4)
     for last_step in (1e-5, LAST_STEP):
         with nullcontext() if answered else pytest.raises(SpmError):
             kinematics.estimate_sample(
-                readings, kinematics.UsedSensors((SIGMA,) * 4), PAPER, None, (1, 1, 1), last_step
+                readings,
+                sensors,
+                PAPER,
+                None,
+                (1, 1, 1),
+                last_step,
             )
+
+
+def random_readings(seed):
+    """Return true readings, and the orientation, of random poses within reach."""
+    # Tilt, azimuth and self-rotation.
+    smallest = (0.0, 0.0, -1.0)
+    largest = (0.5, 6.3, 2.5)
+    poses = np.random.default_rng(seed).uniform(smallest, largest, (300, 3))
+    known = []
+    for R in kinematics.workspace_pose(*poses.T):
+        with suppress(SpmError):
+            known.append((all_angles(R).tolist(), quaternion(R)))
+    return known
+
+
+def spoiled(rng, readings, used):
+    """Return readings with one used sensor anywhere, or all of them."""
+    if rng.random() < 0.75:
+        readings[rng.choice(used)] = rng.uniform(-7.0, 7.0) * rng.choice(SCALES)
+        return readings
+    return [rng.uniform(-4.0, 4.0) for _ in readings]
 
 
 @pytest.mark.parametrize(
@@ -182,30 +217,16 @@ def test_noise_may_take_a_leg_just_beyond_the_boundary_of_its_mode(leg, beyond, 
 )
 def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
     rng = random.Random(seed)
-    # Tilt, azimuth and self-rotation.
-    smallest = (0.0, 0.0, -1.0)
-    largest = (0.5, 6.3, 2.5)
-    poses = np.random.default_rng(seed).uniform(smallest, largest, (300, 3))
-    R = kinematics.workspace_pose(*poses.T)
-    every = all_angles(R)
-    known = [
-        (readings.tolist(), quaternion(pose))
-        for readings, pose in zip(every, R, strict=True)
-        if np.isfinite(readings).all()
-    ]
+    known = random_readings(seed)
+    _, of_first = known[0]
     answered = 0
     for _ in range(number):
         sensors = rng.choice(SETS)
         true, last = rng.choice(known)
-        readings = true[: len(sensors.sigma)]
-        if rng.random() < 0.75:
-            # One sensor anywhere.
-            readings[rng.choice(sensors.used)] = rng.uniform(-7.0, 7.0) * rng.choice(SCALES)
-        else:
-            readings = [rng.uniform(-4.0, 4.0) for _ in readings]
+        readings = spoiled(rng, true[: len(sensors.sigma)], sensors.used)
         prior = None
         if sensors.count == 3 or rng.random() < 0.5:
-            prior = rng.choice((last, known[0][1]))
+            prior = rng.choice((last, of_first))
         mode = rng.choice((None, (1, 1, 1)))
         with suppress(SpmError):
             sample = kinematics.estimate_sample(
@@ -217,7 +238,8 @@ def test_nothing_but_its_own_errors_is_raised_in_random_calls(seed, number):
                 2e-3,
             )
             answered += 1
-            assert math.isfinite(sum(sample.quaternion) + sum(sample.parity_vector))
+            assert all(map(math.isfinite, sample.quaternion))
+            assert all(map(math.isfinite, sample.parity_vector))
             assert sum(sample.covariance[::4]) > 0.0
     assert answered > number / 10
 
@@ -235,29 +257,46 @@ def degenerate_pose(rng):
     )
 
 
-def test_where_the_closed_form_is_degenerate_a_prior_or_a_further_sensor_selects():
+@pytest.fixture(scope='module')
+def degenerate_poses():
+    """Return poses at which the closed form has no start, each with an orientation nearby."""
     rng = np.random.default_rng(66)
-    ambiguous = 0
+    poses = []
     for _ in range(8):
         R = degenerate_pose(rng)
-        readings = all_angles(R)
-        angles = readings[:4]
+        near = turn(math.radians(1.0) * rng.normal(size=3)) @ R
+        poses.append((R, near))
+    return poses
+
+
+def test_where_the_closed_form_is_degenerate_a_prior_selects(degenerate_poses):
+    for R, near in degenerate_poses:
+        angles = four_angles(R)
         with pytest.raises(SingularityError):
             kinematics.forward_theta3a(angles[:3], angles[3])
-        prior = turn(math.radians(1.0) * rng.normal(size=3)) @ R
-        found = estimated(angles, prior=prior)
+        found = estimated(angles, prior=near)
         assert angle_between(found.rotation, R) < 1e-7
-        np.testing.assert_allclose(
-            found.covariance, bound(R, SIGMA), rtol=1e-3, atol=1e-3 * np.trace(found.covariance)
-        )
-        for sensors in (5, 6):
-            assert angle_between(estimated(readings[:sensors]).rotation, R) < 1e-7
+        tolerance = 1e-3 * np.trace(found.covariance)
+        np.testing.assert_allclose(found.covariance, bound(R, SIGMA), rtol=1e-3, atol=tolerance)
+
+
+@pytest.mark.parametrize('sensors', [5, 6])
+def test_where_the_closed_form_is_degenerate_a_further_sensor_selects(degenerate_poses, sensors):
+    for R, _ in degenerate_poses:
+        found = estimated(all_angles(R)[:sensors])
+        assert angle_between(found.rotation, R) < 1e-7
+
+
+def test_where_the_closed_form_is_degenerate_four_angles_alone_may_be_ambiguous(degenerate_poses):
+    ambiguous = 0
+    for R, _ in degenerate_poses:
+        angles = four_angles(R)
+        rows = estimated(angles[None])
         try:
             alone = estimated(angles)
         except SingularityError as error:
             ambiguous += 1
             assert 'prior selects' in str(error)
-            rows = estimated(angles[None])
             assert np.isnan(rows.rotation).all()
             assert not rows.determined[0]
         else:
@@ -270,10 +309,12 @@ def rival_of(R):
     th1a, th1b, th1c, th3a = four_angles(R).tolist()
     _, _, leg_b, _ = leg_kernels.linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
     here = kinematics.inverse(R).theta2a
-    th2a = max(
-        leg_kernels.both_turns(leg_kernels.turn_equation(*leg_b)),
-        key=lambda th2a: abs(math.remainder(th2a - here, 2.0 * math.pi)),
-    )
+
+    def distance(th2a):
+        return abs(math.remainder(th2a - here, 2.0 * math.pi))
+
+    equation = leg_kernels.turn_equation(*leg_b)
+    th2a = max(leg_kernels.both_turns(equation), key=distance)
     return nominal().chain(0, th1a, th2a, th3a)
 
 
@@ -288,7 +329,8 @@ def rival_of(R):
 )
 def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selectable):
     """A prior selects the worse of them up to 10 sigma, as noise and bias may have made it so."""
-    R = turn([1e-3, 2e-3, -1e-3]) @ degenerate_pose(np.random.default_rng(72))
+    degenerate = degenerate_pose(np.random.default_rng(72))
+    R = turn([1e-3, 2e-3, -1e-3]) @ degenerate
     readings = four_angles(R)
     prior = rival_of(R)
     # With a large sigma the prior selects the rival. Its parity is inversely proportional to it.
@@ -302,24 +344,29 @@ def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selec
     else:
         assert angle_between(estimated(readings, sigma).rotation, R) < 1e-9
     found = estimated(readings, sigma, prior=prior)
-    assert angle_between(found.rotation, rival.rotation if selectable else R) < 1e-6
+    expected = rival.rotation if selectable else R
+    assert angle_between(found.rotation, expected) < 1e-6
     arguments = tuple(readings), kinematics.UsedSensors((sigma,) * 4), PAPER
     found = kinematics.estimate_sample(*arguments, quaternion(R))
     others = other_solutions(found, tuple(readings), PAPER)
-    assert max(np.linalg.norm(rotated(each, rival.rotation)) for each in others) < 1e-6
+    assert others
+    for other in others:
+        assert np.linalg.norm(rotated(other, rival.rotation)) < 1e-6
     other = kinematics.estimate_sample(*arguments, quaternion(prior), consistent=10.2)
     assert np.linalg.norm(rotated(other, rival.rotation)) < 1e-6
 
 
 def test_a_prior_has_no_weight():
-    angles = four_angles(tilted(0.3, 0.1, 0.0)) + SIGMA * np.array([1.0, -1.0, 2.0, 0.5])
-    np.testing.assert_array_equal(
-        estimated(angles).rotation, estimated(angles, prior=tilted(0.2, 0.2, 2.0)).rotation
-    )
+    noise = SIGMA * np.array([1.0, -1.0, 2.0, 0.5])
+    angles = four_angles(tilted(0.3, 0.1, 0.0)) + noise
+    without = estimated(angles)
+    found = estimated(angles, prior=tilted(0.2, 0.2, 2.0))
+    np.testing.assert_array_equal(found.rotation, without.rotation)
     # Where no leg gives a start the solutions of all legs are tried.
     R = kinematics.workspace_pose(0.1, 1.0, 0.4)
     for prior in (None, turn([0.02, 0.0, 0.0]) @ R):
-        assert angle_between(estimated(all_angles(R), 0.3, prior=prior).rotation, R) < 1e-9
+        found = estimated(all_angles(R), 0.3, prior=prior)
+        assert angle_between(found.rotation, R) < 1e-9
 
 
 # One step of a healthy sample --------------------------------------------------------------------
@@ -349,11 +396,15 @@ def start_of(readings):
 def samples(sensors, number=40):
     """Yield readings of the mounted sensors at random poses, with noise."""
     rng = np.random.default_rng(sensors.count)
-    poses = kinematics.workspace_pose(
-        *rng.uniform((0.0, 0.0, -0.5), (0.35, 6.3, 0.7), (number, 3)).T
-    )
-    angles = all_angles(poses)[:, : len(sensors.sigma)]
-    yield from map(tuple, (angles + sensors.sigma * rng.normal(size=angles.shape)).tolist())
+    # Tilt, azimuth and self-rotation.
+    smallest = (0.0, 0.0, -0.5)
+    largest = (0.35, 6.3, 0.7)
+    poses = rng.uniform(smallest, largest, (number, 3))
+    R = kinematics.workspace_pose(*poses.T)
+    angles = all_angles(R)[:, : len(sensors.sigma)]
+    noise = sensors.sigma * rng.normal(size=angles.shape)
+    for row in angles + noise:
+        yield tuple(row.tolist())
 
 
 @pytest.mark.parametrize('sensors', USUAL, ids=name_of)
@@ -380,6 +431,20 @@ def test_another_working_mode_than_that_of_the_readings_is_refused():
                 fit(state, view, readings, sensors, PAPER, wrong, LAST_STEP)
 
 
+def fitted(readings, sensors):
+    """Return the estimate from readings, converged."""
+    state, view = start_of(readings)
+    return fit(
+        state,
+        view,
+        readings,
+        sensors,
+        PAPER,
+        (1, 1, 1),
+        1e-12,
+    )
+
+
 @pytest.mark.parametrize('mounted', [4, 5, 6])
 @pytest.mark.parametrize('place', [0, 3])
 def test_the_others_see_a_fault_of_a_sensor_far_better_than_they_are(mounted, place):
@@ -392,16 +457,8 @@ def test_the_others_see_a_fault_of_a_sensor_far_better_than_they_are(mounted, pl
     for readings in samples(exact, 20):
         wrong = list(readings)
         wrong[place] += change
-        healthy, faulty = (
-            fit(
-                *start_of(angles),
-                angles,
-                sensors,
-                PAPER,
-                (1, 1, 1),
-                1e-12,
-            )
-            for angles in (readings, tuple(wrong))
-        )
+        healthy = fitted(readings, sensors)
+        faulty = fitted(tuple(wrong), sensors)
         parity_change = math.dist(faulty.parity_vector, healthy.parity_vector)
-        assert healthy.parity_sizes[place] == pytest.approx(parity_change / change, rel=1e-3)
+        expected = pytest.approx(parity_change / change, rel=1e-3)
+        assert healthy.parity_sizes[place] == expected
