@@ -12,11 +12,21 @@ from spm_haptic_master.kinematics.rotations import multiply_quaternions, quatern
 
 MS = 1_000_000
 POSE = workspace_pose(0.1, 0.4, math.radians(15.0))
-QUATERNION = tuple(quaternion_from_matrix(POSE).tolist())
-JOINTS = inverse(POSE)
-ANGLES = (*JOINTS.theta1.tolist(), float(JOINTS.theta3a))
 STILL = (0.0, 0.0, 0.0)
 TORQUE = (0.05, -0.1, 0.2)
+
+
+def at(R):
+    """Return the fields of a sample at a pose: its angles and its orientation."""
+    joints = inverse(R)
+    return {
+        'angles': (*joints.theta1.tolist(), float(joints.theta3a)),
+        'quaternion': tuple(quaternion_from_matrix(R).tolist()),
+    }
+
+
+ANGLES = at(POSE)['angles']
+QUATERNION = at(POSE)['quaternion']
 
 
 def turned(angle, axis=(0.0, 1.0, 0.0)):

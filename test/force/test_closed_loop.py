@@ -26,13 +26,15 @@ def against_a_wall(
     direction = axis(R, about)
     delays = (10, 50, 20) if slow else (5, 10, 20)
     slave = Slave(wall(quaternion(R), direction, stiffness), *delays)
-    return run(R, slave, seconds, hand=hand, motion=push(direction, depth, **kwargs)), direction
+    motion = push(direction, depth, **kwargs)
+    return run(R, slave, seconds, hand=hand, motion=motion), direction
 
 
 def swing(found, direction, at, window=0.5):
     """Half of the way that the handle goes within a window, rad."""
     first = found.start + round(at * 1000)
-    along = found.turned[first : first + round(window * 1000)] @ direction
+    last = first + round(window * 1000)
+    along = found.turned[first:last] @ direction
     return 0.5 * np.ptp(along)
 
 
@@ -103,10 +105,11 @@ def test_a_spring_that_is_pressed_and_released_keeps_its_torque(depth, stiffness
     found, direction = against_a_wall(
         20.0, 'roll', stiffness, 1.6, depth=depth, rise=0.5, hold=0.5
     )
-    pressed = np.linalg.norm(found.asked, axis=1) > 0.02
-    torque = np.linalg.norm(found.asked, axis=1)[pressed] / found.share[pressed]
+    asked = np.linalg.norm(found.asked, axis=1)
+    pressed = asked > 0.02
+    of_slave = asked[pressed] / found.share[pressed]
     assert pressed.sum() > 500
-    assert 1.0 - (found.share[pressed] * torque).sum() / torque.sum() <= most
+    assert 1.0 - asked[pressed].sum() / of_slave.sum() <= most
 
 
 @pytest.mark.slow
@@ -130,9 +133,8 @@ def test_a_local_wall_of_2_is_stable_with_a_latency_of_one_sample():
     R = pose(0.0)
     for about in ('roll', 'tilt'):
         direction = axis(R, about)
-        centre = multiply_quaternions(
-            quaternion_from_vector(*(0.02 * direction).tolist()), quaternion(R)
-        )
+        ahead = quaternion_from_vector(*(0.02 * direction).tolist())
+        centre = multiply_quaternions(ahead, quaternion(R))
         found = run(
             R,
             Slave(spring(centre, 2.0)),
@@ -140,7 +142,8 @@ def test_a_local_wall_of_2_is_stable_with_a_latency_of_one_sample():
             hand=FREE,
             controller=Bare(0.005),
         )
-        assert swing(found, direction, 0.6, 0.2) < 0.5 * swing(found, direction, 0.0, 0.2)
+        at_first = swing(found, direction, 0.0, 0.2)
+        assert swing(found, direction, 0.6, 0.2) < 0.5 * at_first
 
 
 def test_across_the_singular_surface_under_a_torque_there_is_no_step():
@@ -154,7 +157,7 @@ def test_across_the_singular_surface_under_a_torque_there_is_no_step():
         hand=(10.0, 0.03),
         motion=push(roll, 0.35, rise=1.2),
     )
-    felt = found.rendered[found.start :]
+    steps = np.diff(found.rendered[found.start :], axis=0)
     assert found.states[-1] == 'engaged'
     assert found.turned[-1] @ roll > 0.25
-    assert np.linalg.norm(np.diff(felt, axis=0), axis=1).max() <= 0.15
+    assert np.linalg.norm(steps, axis=1).max() <= 0.15

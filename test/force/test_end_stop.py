@@ -5,7 +5,7 @@
 
 import math
 
-from bench import Bench, STILL
+from bench import at, Bench, STILL
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SpmError
@@ -39,7 +39,8 @@ def margins(R):
 
 def energy(R, stiffness=2.0):
     """Return the energy that the wall has stored, J."""
-    return float(0.5 * stiffness * np.sum(np.maximum(0.0, BEGIN - margins(R)) ** 2))
+    depths = np.maximum(0.0, BEGIN - margins(R))
+    return float(0.5 * stiffness * np.sum(depths**2))
 
 
 def poses_at_the_rim(count, seed):
@@ -52,7 +53,8 @@ def poses_at_the_rim(count, seed):
             6.3 * rng.random(),
             3.0 * rng.random() - 0.6,
         )
-        if 0.2 * BEGIN < margins(R).min() < 0.9 * BEGIN and np.isfinite(jacobian(R)).all():
+        is_within = 0.2 * BEGIN < margins(R).min() < 0.9 * BEGIN
+        if is_within and np.isfinite(jacobian(R)).all():
             found.append(R)
     return found
 
@@ -72,15 +74,19 @@ def wall(motors=4, **limits):
 
 def test_the_wall_is_the_slope_of_its_energy():
     """So a hand gets back what it gave, but for the damping."""
+
+    def turn(vector):
+        return matrix_from_quaternion(quaternion_from_vector(*vector))
+
     torque = wall()
     step = 1e-6
     for R in poses_at_the_rim(30, seed=1):
-        slope = [
-            energy(matrix_from_quaternion(quaternion_from_vector(*(step * axis))) @ R)
-            - energy(matrix_from_quaternion(quaternion_from_vector(*(-step * axis))) @ R)
-            for axis in np.eye(3)
-        ]
-        np.testing.assert_allclose(torque(R), -np.array(slope) / (2.0 * step), atol=1e-6)
+        slope = []
+        for axis in np.eye(3):
+            ahead = energy(turn(step * axis) @ R)
+            behind = energy(turn(-step * axis) @ R)
+            slope.append((ahead - behind) / (2.0 * step))
+        np.testing.assert_allclose(torque(R), np.negative(slope), atol=1e-6)
 
 
 def test_the_wall_pushes_inwards_at_any_speed():
@@ -116,22 +122,15 @@ def test_three_motors_push_only_where_they_are_strong():
         if np.count_nonzero(margins(R) < BEGIN) > 1:
             continue
         whole = four(R)
-        needed = np.linalg.norm(np.linalg.solve(jacobian(R).T, whole)) / np.linalg.norm(whole)
-        share = np.linalg.norm(three(R)) / np.linalg.norm(whole)
+        size = np.linalg.norm(whole)
+        of_motors = np.linalg.solve(jacobian(R).T, whole)
+        needed = np.linalg.norm(of_motors) / size
+        share = np.linalg.norm(three(R)) / size
         x = np.clip((1.0 / needed - 0.05) / 0.1, 0.0, 1.0)
         assert share == pytest.approx(x * x * (3.0 - 2.0 * x), abs=1e-9)
         seen.append(share)
     assert min(seen) < 0.9
     assert max(seen) == 1.0
-
-
-def at(R):
-    """Return angles and orientation of a pose."""
-    joints = inverse(R)
-    return {
-        'angles': (*joints.theta1.tolist(), float(joints.theta3a)),
-        'quaternion': tuple(quaternion_from_matrix(R).tolist()),
-    }
 
 
 def test_the_end_stop_is_there_without_wrenches_and_comes_up_by_the_ramp():
@@ -141,8 +140,8 @@ def test_the_end_stop_is_there_without_wrenches_and_comes_up_by_the_ramp():
     outputs = [bench.step(**at(R)) for _ in range(800)]
     assert outputs[-1].state.text == 'ready'
     np.testing.assert_allclose(outputs[-1].rendered, wall()(R), atol=1e-9)
-    felt = np.array([output.rendered for output in outputs])
-    assert np.linalg.norm(np.diff(felt, axis=0), axis=1).max() <= 1e-3
+    steps = np.diff([output.rendered for output in outputs], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() <= 1e-3
 
 
 def test_beyond_the_reach_there_is_no_torque():

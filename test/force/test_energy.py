@@ -6,13 +6,13 @@
 from itertools import islice
 import math
 
-from bench import ANGLES, Bench, MS, POSE, STILL, turned
+from bench import ANGLES, at, Bench, MS, POSE, STILL, turned
 import numpy as np
 import pytest
 from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
 from spm_haptic_master.force.energy import ADVANCE, EnergyBudget
 from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
+from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.rotations import matrix_from_quaternion, quaternion_from_vector
 
 pytest.importorskip('mujoco', reason='needs mujoco')
@@ -106,9 +106,8 @@ def test_the_work_is_that_of_the_motors_alone(motors, work):
     motion = JointMotion(motors)
     torques = (*WEIGHTS, 1000.0)[:motors]
     motion.work(0, (0.1, 0.2, 0.3, 0.4, 0.5), torques, DT)
-    assert motion.work(1_000_000, (0.101, 0.202, 0.303, 0.404, 9.0), torques, DT) == pytest.approx(
-        work
-    )
+    moved = (0.101, 0.202, 0.303, 0.404, 9.0)
+    assert motion.work(1_000_000, moved, torques, DT) == pytest.approx(work)
 
 
 def test_an_encoder_that_jumps_is_no_motion():
@@ -143,10 +142,17 @@ def yielding(bench, **changed):
     while True:
         output = bench.step(angles=angles, **changed)
         yield output, angles
-        angles = tuple(
-            angle + 1e-2 * torque
-            for angle, torque in zip(angles, (*output.motor_torque, 0.0), strict=True)
-        )
+        torques = (*output.motor_torque, 0.0)
+        moved = np.array(angles) + 1e-2 * np.array(torques)
+        angles = tuple(moved.tolist())
+
+
+def spent_by(bench):
+    """Return angles and energy of a bench that yields until its budget is 5 mJ in debt."""
+    for output, angles in yielding(bench):
+        if output.energy <= -5e-3:
+            return angles, output.energy
+    raise AssertionError
 
 
 def test_energy_that_is_generated_ends_in_a_latched_fault():
@@ -164,11 +170,10 @@ def test_one_budget_for_as_long_as_force_is_on(pause):
     """A8: neither the clutch nor a reason that does not latch renews it."""
     bench = Bench()
     bench.engage()
-    energy, angles = next(
-        (output.energy, angles) for output, angles in yielding(bench) if output.energy <= -5e-3
-    )
+    angles, energy = spent_by(bench)
     bench.torque = STILL
-    assert bench.run(30, angles=angles, **pause).state.text in ('holding', 'ready')
+    paused = bench.run(30, angles=angles, **pause)
+    assert paused.state.text in ('holding', 'ready')
     output = bench.run(30, angles=angles)
     assert output.state.text == 'engaged'
     assert output.energy == pytest.approx(energy, abs=1e-4)
@@ -189,24 +194,29 @@ def test_the_budget_comes_back_by_time_at_rest():
 def test_a_handle_that_moves_gets_nothing_back():
     bench = Bench()
     bench.engage()
-    angles = next(angles for output, angles in yielding(bench) if output.energy <= -5e-3)
+    angles, _ = spent_by(bench)
+    velocity = (0.3, 0.0, 0.0)
     bench.torque = STILL
-    moving = bench.run(1000, angles=angles, velocity=(0.3, 0.0, 0.0)).energy
-    assert bench.run(1000, angles=angles, velocity=(0.3, 0.0, 0.0)).energy <= moving + 1e-9
-    assert bench.run(1000, angles=angles).energy == pytest.approx(moving + 5e-5, abs=1e-6)
+    moving = bench.run(1000, angles=angles, velocity=velocity).energy
+    later = bench.run(1000, angles=angles, velocity=velocity).energy
+    at_rest = bench.run(1000, angles=angles).energy
+    assert later <= moving + 1e-9
+    assert at_rest == pytest.approx(moving + 5e-5, abs=1e-6)
 
 
 def test_the_damping_goes_slowly_where_the_hand_gives_energy_back():
     """0.06 N m s/rad at 1 rad/s, in 20 ms or more."""
     bench = Bench()
     bench.engage()
-    angles = next(angles for output, angles in yielding(bench) if output.energy <= -5e-3)
-    spins = (0.0, 0.0, 1.0)
+    angles, _ = spent_by(bench)
+    spins = {'angles': angles, 'velocity': (0.0, 0.0, 1.0)}
     bench.torque = STILL
-    damped = np.array(bench.run(60, angles=angles, velocity=spins).motor_torque)
+    damped = bench.run(60, **spins).motor_torque
+    assert np.abs(damped).max() > 0.02
     bench.controller._energy.restart()
-    torques = [bench.step(angles=angles, velocity=spins).motor_torque for _ in range(30)]
-    assert np.abs(damped).max() > 0.02 > 5.0 * np.abs(np.diff(torques, axis=0)).max()
+    torques = [bench.step(**spins).motor_torque for _ in range(30)]
+    largest_step = np.abs(np.diff(torques, axis=0)).max()
+    assert largest_step < 0.02 / 5.0
 
 
 def test_a_lock_that_generates_energy_falls_with_its_share():
@@ -227,24 +237,24 @@ def test_the_work_is_that_of_the_torque_in_force(rate):
     period = 1000.0 / rate
     direction = np.array([0.0, 0.0, 1.0])
     given = 0.0
-    latest = STILL
     before = bench.controller.output.energy
+    # Torques asked for by the latest two samples, and the turn at the latest.
+    older = np.zeros(3)
+    newer = np.zeros(3)
+    turned_before = np.zeros(3)
     for number in range(1, 160 * rate // 1000):
-        turned_by = 0.004 * math.sin(0.1 * number * period) * direction
+        phase = 0.1 * number * period
+        turned_by = 0.004 * math.sin(phase) * direction
         R = matrix_from_quaternion(quaternion_from_vector(*turned_by)) @ POSE
-        joints = inverse(R)
-        torque = (0.0, 0.0, 0.015 * math.cos(0.1 * number * period))
-        bench.torque = torque
-        output = bench.step(
-            period,
-            angles=(*joints.theta1.tolist(), float(joints.theta3a)),
-            quaternion=tuple(quaternion_from_matrix(R).tolist()),
-        )
+        bench.torque = (0.0, 0.0, 0.015 * math.cos(phase))
+        output = bench.step(period, **at(R))
         if number > 2:
             share = 1.0 / period
-            in_force = share * np.array(latest[0]) + (1.0 - share) * np.array(latest[1])
-            given += in_force @ (turned_by - latest[2])
-        latest = (latest[1] if number > 1 else STILL, output.asked, turned_by)
+            in_force = share * older + (1.0 - share) * newer
+            given += in_force @ (turned_by - turned_before)
+        older = newer
+        newer = np.array(output.asked)
+        turned_before = turned_by
     assert before - output.energy == pytest.approx(given, rel=0.05)
 
 
@@ -275,7 +285,8 @@ def test_fast_loops_move_no_motor_by_jerks():
     found = run(R, Slave(environment), seconds, motion=motion, hand=None)
     assert found.generated <= 20e-3
     assert found.energy[found.start :].min() < 0.0
-    assert np.abs(np.diff(found.torque[found.start :], axis=0)).max() <= 0.2
+    steps = np.diff(found.torque[found.start :], axis=0)
+    assert np.abs(steps).max() <= 0.2
 
 
 def test_loops_generate_without_the_law_and_with_four_motors_do_not():
@@ -295,7 +306,8 @@ def test_loops_generate_without_the_law_and_with_four_motors_do_not():
             controller=without_energy_law(motors),
         )
         turn = (len(found.given) - found.start) // 4
-        left[motors] = (found.given[-1] - found.given[-1 - 2 * turn]) / 2.0
+        of_two_turns = found.given[-1] - found.given[-1 - 2 * turn]
+        left[motors] = of_two_turns / 2.0
     assert left[3] > 2e-3
     assert left[4] <= 0.5e-3
 
@@ -303,10 +315,11 @@ def test_loops_generate_without_the_law_and_with_four_motors_do_not():
 def test_the_work_against_the_weight_is_not_counted():
     """The motors lift the handle for the hand: more than the budget, and none of it counts."""
     R = pose(20.0)
-    controller = ForceController(
-        limits=ForceLimits(ramp=0.05),
-        gravity=Gravity(handle=(0.0, 0.0, 0.02), proximal=(0.005, 0.0, 0.005, 0.0, 0.005, 0.0)),
+    gravity = Gravity(
+        handle=(0.0, 0.0, 0.02),
+        proximal=(0.005, 0.0, 0.005, 0.0, 0.005, 0.0),
     )
+    controller = ForceController(limits=ForceLimits(ramp=0.05), gravity=gravity)
     found = run(
         R,
         Slave(constant((0.0, 0.0, 0.0))),
@@ -332,26 +345,21 @@ def test_twelve_loops_of_a_handle_that_weighs_in_the_fade_zone():
     for number in range(turn):
         angle = -math.tau * number / turn
         R = workspace_pose(
-            tilt + radius * math.sin(angle), azimuth, phi + radius * (math.cos(angle) - 1.0)
+            tilt + radius * math.sin(angle),
+            azimuth,
+            phi + radius * (math.cos(angle) - 1.0),
         )
-        joints = inverse(R)
-        samples.append(
-            (
-                (*joints.theta1.tolist(), float(joints.theta3a)),
-                tuple(quaternion_from_matrix(R).tolist()),
-            )
-        )
+        samples.append(at(R))
     work = 0.0
-    torques = (0.0,) * 3
-    before = samples[0][0]
+    torques = np.zeros(3)
+    before = samples[0]['angles']
     for number in range(700 + 12 * turn):
-        angles, quaternion = samples[max(0, number - 700) % turn]
-        output = bench.step(angles=angles, quaternion=quaternion)
-        work += sum(
-            torque * (new - old) for torque, new, old in zip(torques, angles, before, strict=False)
-        )
-        torques = output.motor_torque
-        before = angles
+        sample = samples[max(0, number - 700) % turn]
+        output = bench.step(**sample)
+        moved = np.subtract(sample['angles'], before)
+        work += torques @ moved[:3]
+        torques = np.array(output.motor_torque)
+        before = sample['angles']
     assert output.state.text == 'engaged'
     assert work <= 20e-3
 
@@ -365,7 +373,8 @@ def test_noise_at_rest_is_one_millinewtonmetre():
         hand=None,
     )
     felt = found.rendered[found.start :]
-    assert 0.0 < np.sqrt(np.mean(np.sum(felt**2, axis=1))) <= 1e-3
+    mean_square = np.mean(np.sum(felt**2, axis=1))
+    assert 0.0 < np.sqrt(mean_square) <= 1e-3
 
 
 @pytest.mark.slow

@@ -49,21 +49,38 @@ def poses(count, seed=0, half_angle=20.0, low=0.0, high=95.0):
 
 def directions(count, size, seed=1):
     drawn = np.random.default_rng(seed).normal(size=(count, 3))
-    return size * drawn / np.linalg.norm(drawn, axis=1)[:, None]
+    return size * drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+
+
+def largest_step(torques):
+    """Return how far a torque is at most from the one before."""
+    return np.linalg.norm(np.diff(torques, axis=0), axis=1).max()
+
+
+def nominal_and_pose(rng):
+    """Draw a nominal mechanism, and how a pose of it is drawn."""
+    built = random_nominal(rng)
+    return built.geometry, lambda: built.reachable_rotation(rng)
+
+
+def built_and_pose(rng):
+    """Draw a mechanism as built, and how a pose of it is drawn."""
+
+    def draw():
+        azimuth = rng.uniform(0.0, 6.0)
+        phi = rng.uniform(0.0, 0.7)
+        return workspace_pose(0.2, azimuth, phi)
+
+    return random_built(rng).geometry, draw
 
 
 def test_the_rows_are_the_jacobian_of_the_inverse_model():
     rng = np.random.default_rng(2)
     for trial in range(40):
-        built = random_nominal(rng) if trial % 2 else random_built(rng)
-        g = built.geometry
+        g, draw = nominal_and_pose(rng) if trial % 2 else built_and_pose(rng)
         for mode in (MODES[trial % 8], MODE):
+            R = draw()
             try:
-                R = (
-                    built.reachable_rotation(rng)
-                    if trial % 2
-                    else workspace_pose(0.2, rng.uniform(0.0, 6.0), rng.uniform(0.0, 0.7))
-                )
                 G = jacobian(R, g, mode, sensors=4)
             except SpmError:
                 continue
@@ -83,9 +100,8 @@ def test_four_motors_render_all_with_the_least_heat_or_the_least_peak():
     torque = directions(len(R), 1.0)
     least_heat = render(R, torque, motors=4, motor_torque_limit=UNLIMITED)
     assert np.abs(least_heat.motor_torque).max() <= 1.0
-    np.testing.assert_allclose(
-        least_heat.motor_torque, np.einsum('nji,nj->ni', np.linalg.pinv(G), torque), atol=1e-12
-    )
+    expected = np.einsum('nji,nj->ni', np.linalg.pinv(G), torque)
+    np.testing.assert_allclose(least_heat.motor_torque, expected, atol=1e-12)
     least_peak = render(R, torque, motors=4, motor_torque_limit=0.88)
     np.testing.assert_allclose(least_peak.rendered, torque, atol=1e-9)
     assert np.abs(least_peak.motor_torque).max() <= 0.88
@@ -95,17 +111,20 @@ def test_four_motors_within_the_limit_have_the_least_heat_of_all():
     """Against a fine search over what the parity vector adds."""
     R, G = poses(200, seed=5)
     torque = directions(len(R), 1.0)
+    added = np.linspace(-2.0, 2.0, 8001)
     for limit in (0.5, 0.65):
         found = render(R, torque, motors=4, motor_torque_limit=limit)
         for tau, felt, g, m in zip(found.motor_torque, found.rendered, G, torque, strict=True):
-            p = np.linalg.pinv(g).T @ m
-            n = np.linalg.svd(g)[0][:, 3]
-            a = np.linspace(-2.0, 2.0, 8001)
-            peaks = np.abs(p[:, None] + n[:, None] * a).max(axis=0)
+            least = np.linalg.pinv(g).T @ m
+            left, _, _ = np.linalg.svd(g)
+            turns_nothing = left[:, 3]
+            tried = least[:, None] + np.outer(turns_nothing, added)
+            peaks = np.abs(tried).max(axis=0)
             share = min(1.0, limit / peaks.min())
             np.testing.assert_allclose(felt, share * m, atol=1e-3)
             if share == 1.0:
-                assert abs(n @ tau) <= np.abs(a[peaks <= limit]).min() + 1e-9
+                fewest = np.abs(added[peaks <= limit]).min()
+                assert abs(turns_nothing @ tau) <= fewest + 1e-9
 
 
 def test_three_motors_are_exact_at_three_poses_of_four():
@@ -124,10 +143,12 @@ def test_strong_directions_are_exact_unless_a_motor_is_at_its_limit():
     found = render(R, torque)
     free = np.abs(found.motor_torque).max(axis=1) < 0.5 - 1e-9
     missing = found.rendered - torque
-    strong = missing - np.einsum('ni,ni,nj->nj', missing, right[:, 2], right[:, 2])
+    weak = right[:, 2]
+    along_weak = (missing * weak).sum(axis=1, keepdims=True)
+    strong = missing - along_weak * weak
     assert free.mean() > 0.5
     assert (sigma[free, 2] < 0.05).sum() > 50
-    assert np.linalg.norm(strong, axis=1)[free].max() <= 0.01 * 0.2
+    assert np.linalg.norm(strong[free], axis=1).max() <= 0.01 * 0.2
 
 
 def test_nothing_is_added_to_what_the_fade_leaves():
@@ -137,7 +158,8 @@ def test_nothing_is_added_to_what_the_fade_leaves():
     weak = 0.01 * right[:, 2]
     found = render(R, weak)
     x = np.clip((sigma[:, 2] - 0.05) / 0.1, 0.0, 1.0)
-    np.testing.assert_allclose(found.fraction, x * x * (3.0 - 2.0 * x), atol=0.01)
+    smoothstep = x * x * (3.0 - 2.0 * x)
+    np.testing.assert_allclose(found.fraction, smoothstep, atol=0.01)
 
 
 def test_a_large_torque_along_the_weak_direction_falls_with_the_distance_from_the_surface():
@@ -145,9 +167,11 @@ def test_a_large_torque_along_the_weak_direction_falls_with_the_distance_from_th
     R, G = poses(4000, seed=10)
     _, sigma, right = np.linalg.svd(G[:, :3])
     found = render(R, 2.0 * right[:, 2])
-    most = 1.4 * 0.5 * (sigma[:, 2] - 0.2 * 0.05)
-    near = (sigma[:, 2] > 0.05) & (sigma[:, 2] < 0.3)
-    left = (most - np.linalg.norm(found.rendered, axis=1))[near]
+    smallest = sigma[:, 2]
+    most = 1.4 * 0.5 * (smallest - 0.2 * 0.05)
+    felt = np.linalg.norm(found.rendered, axis=1)
+    near = (smallest > 0.05) & (smallest < 0.3)
+    left = (most - felt)[near]
     assert left.min() > -1e-5
     assert np.mean(left < 1e-3) > 0.8
 
@@ -155,18 +179,22 @@ def test_a_large_torque_along_the_weak_direction_falls_with_the_distance_from_th
 @pytest.mark.parametrize('tilt_deg', [0.0, 5.0, 12.0])
 def test_torques_are_continuous_across_the_singular_surface(tilt_deg):
     """Poses 0.05 deg apart: 0.05 N m of a motor, 0.01 N m at the handle, in every direction."""
+    tilt = math.radians(tilt_deg)
     phi = np.radians(np.arange(20.0, 80.0, 0.05))
-    for azimuth, axis in product((0.5, 2.5, 4.5), (*np.eye(3), (0.6, 0.6, 0.53))):
-        R = workspace_pose(math.radians(tilt_deg), azimuth, phi)
-        found = render(R, 0.3 * np.array(axis) / np.linalg.norm(axis))
-        assert np.abs(np.diff(found.motor_torque, axis=0)).max() <= 0.05
-        assert np.linalg.norm(np.diff(found.rendered, axis=0), axis=1).max() <= 0.01
+    axes = (*np.eye(3), np.array([0.6, 0.6, 0.53]))
+    for azimuth, axis in product((0.5, 2.5, 4.5), axes):
+        R = workspace_pose(tilt, azimuth, phi)
+        found = render(R, 0.3 * axis / np.linalg.norm(axis))
+        steps = np.diff(found.motor_torque, axis=0)
+        assert np.abs(steps).max() <= 0.05
+        assert largest_step(found.rendered) <= 0.01
 
 
 def test_at_the_surface_itself_the_torques_are_finite():
     phi = math.radians(49.358591780)
     for offset in (0.0, 1e-15, -1e-13, 1e-10):
-        found = render(workspace_pose(0.0, 0.0, phi + offset), (0.3, -0.1, 0.2))
+        R = workspace_pose(0.0, 0.0, phi + offset)
+        found = render(R, (0.3, -0.1, 0.2))
         assert np.isfinite(found.motor_torque).all()
         assert np.abs(found.motor_torque).max() <= 0.5
 
@@ -188,7 +216,11 @@ def test_rows_without_any_rate_give_no_torque_along_it():
     """A mechanism that has lost a direction altogether: no division by zero."""
     motors = make_statics(PAPER, MODE, 3, ForceLimits())
     motors.rotation = tuple(np.eye(3).ravel().tolist())
-    rows = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
+    rows = (
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (1.0, 1.0, 0.0),
+    )
     motors.leg_poses = tuple(map(leg_pose, rows))
     tau, felt = motors.render((0.1, 0.0, 0.3))
     np.testing.assert_allclose(felt, (0.1, 0.0, 0.0), atol=1e-12)
@@ -198,9 +230,13 @@ def test_rows_without_any_rate_give_no_torque_along_it():
 def test_four_motors_of_which_two_alone_turn_against_each_other():
     """Two legs of one rate: the torque that turns nothing is on these two."""
     motors = make_statics(PAPER, MODE, 4, ForceLimits(motor_torque=0.2))
-    rows = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    *first, motors.fourth_row = rows
-    motors.leg_poses = tuple(map(leg_pose, first))
+    rows = (
+        (1.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+    )
+    motors.leg_poses = tuple(map(leg_pose, rows))
+    motors.fourth_row = (0.0, 0.0, 1.0)
     tau, felt = motors.render((0.8, 0.0, 0.0))
     np.testing.assert_allclose(tau, (0.2, 0.2, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(felt, (0.4, 0.0, 0.0), atol=1e-12)
@@ -243,7 +279,8 @@ def test_poses_that_a_leg_does_not_reach_are_those_without_a_jacobian(motors):
     reached = np.isfinite(jacobian(R)).all((1, 2))
     found = render(R, (0.0, 0.0, 0.1), motors=motors)
     assert 50 < reached.sum() < 250
-    np.testing.assert_array_equal(np.isfinite(found.motor_torque).all(axis=1), reached)
+    answered = np.isfinite(found.motor_torque).all(axis=1)
+    np.testing.assert_array_equal(answered, reached)
     np.testing.assert_array_equal(np.isfinite(found.fraction), reached)
 
 
@@ -262,8 +299,9 @@ def test_poses_that_a_leg_does_not_reach_are_those_without_a_jacobian(motors):
     ],
 )
 def test_wrong_arguments(wrong):
+    arguments = {'R': np.eye(3), 'torque': (0.0, 0.0, 0.1)}
     with pytest.raises(InputError):
-        render(**({'R': np.eye(3), 'torque': (0.0, 0.0, 0.1)} | wrong))
+        render(**(arguments | wrong))
 
 
 def test_nothing_asked_is_all_rendered():
@@ -277,19 +315,21 @@ def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
     rng = np.random.default_rng(4)
     down = (3.0, -5.0, -7.0)
     step = 1e-5
-    gravity = Gravity(tuple(rng.normal(size=3)), tuple(rng.normal(size=6)), down)
+    handle = tuple(rng.normal(size=3))
+    proximal = tuple(rng.normal(size=6))
+    gravity = Gravity(handle, proximal, down)
     statics = make_statics(PAPER, MODE, 3, ForceLimits())
     weight = Weight(gravity, statics)
 
     def energy(R):
-        found = R @ gravity.handle
-        for leg, angle, (along, across) in zip(
-            PAPER.legs, inverse(R).theta1, np.reshape(gravity.proximal, (3, 2)), strict=True
-        ):
+        moment = R @ handle
+        offsets = np.reshape(proximal, (3, 2))
+        for leg, angle, offset in zip(PAPER.legs, inverse(R).theta1, offsets, strict=True):
+            along, across = offset
             constant, cosine, sine = np.array(leg.second)
             second = constant + np.cos(angle) * cosine + np.sin(angle) * sine
-            found = found + along * second + across * np.cross(leg.first, second)
-        return -found @ down
+            moment = moment + along * second + across * np.cross(leg.first, second)
+        return -moment @ down
 
     def turn(vector):
         return matrix_from_quaternion((*(0.5 * vector), 1.0))
@@ -300,8 +340,9 @@ def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
         0.7 * rng.random(5),
     ):
         statics.place(R.ravel().tolist())
-        slope = [
-            (energy(turn(step * axis) @ R) - energy(turn(-step * axis) @ R)) / (2.0 * step)
-            for axis in np.eye(3)
-        ]
+        slope = []
+        for axis in np.eye(3):
+            ahead = energy(turn(step * axis) @ R)
+            behind = energy(turn(-step * axis) @ R)
+            slope.append((ahead - behind) / (2.0 * step))
         np.testing.assert_allclose(weight.torque(), slope, rtol=1e-6, atol=1e-6)

@@ -21,9 +21,12 @@ def drawn_poses(count, seed):
     rng = np.random.default_rng(seed)
     tilt, azimuth, phi = rng.uniform(size=(3, count))
     R = workspace_pose(
-        math.radians(20.0) * np.sqrt(tilt), 2.0 * math.pi * azimuth, math.radians(95.0) * phi
+        math.radians(20.0) * np.sqrt(tilt),
+        2.0 * math.pi * azimuth,
+        math.radians(95.0) * phi,
     )
-    return R[np.isfinite(jacobian(R)).all((1, 2))]
+    reached = np.isfinite(jacobian(R)).all((1, 2))
+    return R[reached]
 
 
 def place(body, R, g):
@@ -35,7 +38,9 @@ def place(body, R, g):
 def motions(body):
     """Motions of the joints without motion of the constraints, one a column, and of the handle."""
     joints = body.model.nv
-    free = np.linalg.svd(body.data.efc_J.reshape(-1, joints))[2][-3:].T
+    constraints = body.data.efc_J.reshape(-1, joints)
+    _, _, right = np.linalg.svd(constraints)
+    free = right[-3:].T
     turning = np.zeros((3, joints))
     mujoco.mj_jacBody(body.model, body.data, None, turning, body.platform)
     return free, turning @ free
@@ -51,14 +56,14 @@ def test_torque_that_the_handle_gets_is_mujocos(motors, built):
     rng = np.random.default_rng(2)
     R = drawn_poses(125, 3 + motors)
     torque = rng.normal(size=(len(R), 3))
-    torque *= 0.3 / np.linalg.norm(torque, axis=1)[:, None]
+    torque *= 0.3 / np.linalg.norm(torque, axis=1, keepdims=True)
     found = render(R, torque, g, motors=motors)
     for pose, tau, felt in zip(R, found.motor_torque, found.rendered, strict=True):
         place(body, pose, g)
         free, turning = motions(body)
-        np.testing.assert_allclose(
-            np.linalg.solve(turning.T, free[driven].T @ tau), felt, atol=1e-5
-        )
+        generalised = free[driven].T @ tau
+        expected = np.linalg.solve(turning.T, generalised)
+        np.testing.assert_allclose(expected, felt, atol=1e-5)
 
 
 def heavy_body():
@@ -67,13 +72,13 @@ def heavy_body():
     model = body.model
     model.opt.gravity[:] = 0.0, 0.0, -9.80665
     rng = np.random.default_rng(4)
-    for k, name in enumerate('abc'):
-        proximal, distal = (model.body(f'{part}_{name}').id for part in ('proximal', 'distal'))
+    for name in 'abc':
+        proximal = model.body(f'proximal_{name}').id
+        distal = model.body(f'distal_{name}').id
         model.body_mass[[proximal, distal]] = rng.uniform(0.05, 0.1, 2)
         model.body_ipos[proximal] = rng.uniform(-0.03, 0.03, 3)
         # The distal link's own x axis is across Z2k and Z3k.
         model.body_ipos[distal] = 0.0, *rng.uniform(-0.03, 0.03, 2)
-        assert k == 'abc'.index(name)
     handle = model.body('third').id
     model.body_mass[handle] = 0.15
     model.body_ipos[handle] = 0.01, -0.005, 0.05
@@ -87,7 +92,8 @@ def holding(body, R):
     body.data.qvel[:] = 0.0
     mujoco.mj_forward(body.model, body.data)
     free, _ = motions(body)
-    return np.linalg.solve(free[body.active].T, free.T @ body.data.qfrc_bias)
+    bias = free.T @ body.data.qfrc_bias
+    return np.linalg.solve(free[body.active].T, bias)
 
 
 def test_gravity_is_identified_from_twelve_noisy_poses():
@@ -95,11 +101,13 @@ def test_gravity_is_identified_from_twelve_noisy_poses():
     body = heavy_body()
     rng = np.random.default_rng(5)
     R = drawn_poses(400, 6)
-    R = R[np.linalg.svd(jacobian(R), compute_uv=False)[:, 2] > 0.3]
+    values = np.linalg.svd(jacobian(R), compute_uv=False)
+    R = R[values[:, 2] > 0.3]
     learned = R[:12]
     others = R[12:32]
     torques = np.array([holding(body, pose) for pose in learned])
-    gravity, residual = identify_gravity(learned, torques + 1e-3 * rng.normal(size=torques.shape))
+    noise = 1e-3 * rng.normal(size=torques.shape)
+    gravity, residual = identify_gravity(learned, torques + noise)
     assert residual <= 3e-3
     statics = make_statics(body.g, (1, 1, 1), 3, ForceLimits())
     weight = Weight(gravity, statics)
