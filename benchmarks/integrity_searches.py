@@ -56,7 +56,7 @@ def coverage_rows() -> Iterator[str]:
             continue
         worths.append(integrity(found, bias, (1.0,) * 4))
     healthy_deg = np.degrees([worth.healthy for worth in worths])
-    levels_deg = np.degrees([worth.levels(reach) for worth in worths])
+    levels_deg = np.degrees([worth.parts(reach) for worth in worths])
     yield (
         '| alert_limit_deg | published | '
         + ' | '.join(f'{name} checked' for name in JOINT_NAMES)

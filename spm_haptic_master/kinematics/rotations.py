@@ -257,6 +257,21 @@ def rotation_distance(p: Quaternion[float], q: Quaternion[float]) -> float:
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
+def is_within(p: Quaternion[float], q: Quaternion[float], angle: float) -> bool:
+    """
+    Whether two orientations are at most an angle (rad) apart, in plain floats.
+
+    Of unit quaternions, either sign: 1 - (p . q)^2 is sin^2 of half the turn between them.
+    """
+    px, py, pz, pw = p
+    qx, qy, qz, qw = q
+    cosine = px * qx + py * qy + pz * qz + pw * qw
+    # sin(angle / 2), or its upper bound angle / 2 where that is nearly the same.
+    half = 0.5 * angle
+    sine = half if half < 0.1 else math.sin(min(half, 0.5 * math.pi))
+    return 1.0 - cosine * cosine <= sine * sine
+
+
 class AngularVelocity:
     """
     Least-squares slope of the orientation over a sliding window, in plain floats.

@@ -127,7 +127,7 @@ def checkability(
     sensors = UsedSensors(sigma)
     samples = max(WINDOW_SAMPLES, limits.window * rate)
     threshold = limits.threshold(sensors.count - 3)
-    reach = (threshold + MISSED_DETECTION) / sqrt(samples)
+    undetected = (threshold + MISSED_DETECTION) / sqrt(samples)
     noise = (1.0,) * len(sigma)
     parts = []
     for pose in poses:
@@ -140,7 +140,7 @@ def checkability(
         except SpmError:
             continue
         worth = integrity(estimate, limits.bias, noise, limits.parity_bias)
-        parts.append(worth.levels(reach))
+        parts.append(worth.parts(undetected))
     if not parts:
         nowhere = (0.0,) * len(sigma)
         return Checkability(share=nowhere, least_limit=(inf,) * len(sigma))

@@ -21,69 +21,61 @@ from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 CAUTION = 1.0  # s unchecked that are a caution: less is a moment on the way through a singularity
 
 
-class Sight:
+class CheckTimes:
     """
-    When each sensor was last within a limit for a window of consistent samples.
-
-    Where samples come slowly the window is longer: it has `WINDOW_SAMPLES`, as that of the parity.
+    When each sensor was last checked: its part within the alert limit for a whole window.
 
     Parameters
     ----------
     sensors : int
         Number N of mounted sensors.
     window : int
-        Least time without interruption after which it counts, ns.
+        Length of the window, ns. Where samples come slowly it is longer: it has `WINDOW_SAMPLES`,
+        as that of the parity.
 
     Attributes
     ----------
-    last : list of int or None, length N
-        Stamp of the latest sample at which it was so, ns; None before the first.
+    latest : list of int or None, length N
+        Stamp at which each sensor was last checked, ns; None before the first time.
 
     """
 
     def __init__(self, sensors: int, window: int) -> None:
         self._window = window
-        self._sensors = sensors
-        self.last: list[int | None] = [None] * sensors
+        self.latest: list[int | None] = [None] * sensors
         # Number of consistent samples so far.
         self._samples = 0
         self.interrupt()
 
     def interrupt(self) -> None:
         """Begin the windows again: a sample was not consistent."""
-        # Stamp (ns) and number of the first consistent sample since which each is so.
-        self._visible: list[tuple[int, int] | None] = [None] * self._sensors
+        # By sensor, stamp (ns) and number of the sample since which its part is within the limit.
+        self._within: list[tuple[int, int] | None] = [None] * len(self.latest)
 
-    def note_parts(
-        self,
-        stamp: int,
-        parts: list[float],
-        limit: float,
-    ) -> tuple[int, ...]:
+    def note_parts(self, stamp: int, parts: list[float], limit: float) -> tuple[int, ...]:
         """Note the parts of a consistent sample, rad; return the sensors beyond the limit."""
-        visible = self._visible
         self._samples += 1
-        # Of a window that ends with this sample: its latest beginning, ns, and first sample.
-        latest = stamp - self._window
-        first_sample = self._samples - WINDOW_SAMPLES + 1
-        hidden: list[int] = []
+        # Latest begin of a window that ends with this sample: its stamp, ns, and its number.
+        latest_stamp = stamp - self._window
+        latest_number = self._samples - WINDOW_SAMPLES + 1
+        beyond: list[int] = []
         for sensor, part in enumerate(parts):
-            first = visible[sensor]
+            first = self._within[sensor]
             if part > limit:
-                visible[sensor] = None
-                hidden.append(sensor)
+                self._within[sensor] = None
+                beyond.append(sensor)
             elif first is None:
-                visible[sensor] = stamp, self._samples
+                self._within[sensor] = stamp, self._samples
             else:
-                began, number = first
-                if number <= first_sample and began <= latest:
-                    self.last[sensor] = stamp
-        return tuple(hidden)
+                first_stamp, first_number = first
+                if first_number <= latest_number and first_stamp <= latest_stamp:
+                    self.latest[sensor] = stamp
+        return tuple(beyond)
 
-    def since(self, sensor: int, stamp: int) -> bool:
-        """Whether a sensor was within the limit for a window after a stamp, ns."""
-        last = self.last[sensor]
-        return last is not None and last > stamp
+    def is_after(self, sensor: int, stamp: int) -> bool:
+        """Whether a sensor was checked after a stamp, ns."""
+        latest = self.latest[sensor]
+        return latest is not None and latest > stamp
 
 
 class Exposure:
@@ -102,8 +94,6 @@ class Exposure:
 
     Attributes
     ----------
-    all : tuple of int
-        Every mounted sensor.
     hidden : tuple of int
         Sensors that the latest consistent sample could not check; all before the first, and after
         a pause.
@@ -111,35 +101,29 @@ class Exposure:
     """
 
     def __init__(self, sensors: int, window: float) -> None:
-        self.all = tuple(range(sensors))
-        self._checks = Sight(sensors, round(window * 1e9))
+        self._every = tuple(range(sensors))
+        self._checks = CheckTimes(sensors, round(window * 1e9))
         # The same without the rivals from before a fault.
-        self._sights = Sight(sensors, round(window * 1e9))
-        # Stamp (ns) of the first consistent sample of all.
+        self._checks_after_fault = CheckTimes(sensors, round(window * 1e9))
+        # Stamp (ns) of the first consistent sample ever.
         self._first: int | None = None
         self.restart()
 
     def restart(self) -> None:
         """Begin again after a pause of the samples; what was checked stays that long ago."""
-        # Stamp (ns) of the first consistent sample since.
+        # Stamp (ns) of the first consistent sample since the last pause.
         self._began: int | None = None
-        self.hidden: tuple[int, ...] = self.all
+        self.hidden = self._every
         self.interrupt()
 
     def interrupt(self) -> None:
         """Begin the windows again: a sample was not consistent."""
         self._checks.interrupt()
-        self._sights.interrupt()
+        self._checks_after_fault.interrupt()
 
-    def note_consistent(
-        self,
-        stamp: int,
-        parts: list[float],
-        limit: float,
-        level: float,
-    ) -> float:
+    def note_consistent(self, stamp: int, parts: list[float], limit: float) -> None:
         """
-        Note which sensors a consistent sample checks; return its protection level.
+        Note which sensors a consistent sample checks.
 
         Parameters
         ----------
@@ -149,14 +133,6 @@ class Exposure:
             Part of each sensor in the protection level, rad.
         limit : float
             Alert limit, rad.
-        level : float
-            What noise and bias of healthy sensors do, rad.
-
-        Returns
-        -------
-        float
-            Largest part within the alert limit, and at least `level`, rad. What is beyond the
-            limit is unchecked, and not in it.
 
         """
         if self._began is None:
@@ -164,32 +140,36 @@ class Exposure:
             if self._first is None:
                 self._first = stamp
         self.hidden = self._checks.note_parts(stamp, parts, limit)
-        for part in parts:
-            if level < part <= limit:
-                level = part
-        return level
 
-    def note_after_fault(
-        self,
-        stamp: int,
-        parts: list[float],
-        limit: float,
-    ) -> None:
+    def note_after_fault(self, stamp: int, parts: list[float], limit: float) -> None:
         """
         Note the parts (rad) of a consistent sample, without the rivals from before the fault.
 
         A fault ends when its suspects are as before it: a rival that was declared then does not
-        count.
+        count. `limit` is the alert limit, rad.
         """
-        self._sights.note_parts(stamp, parts, limit)
+        self._checks_after_fault.note_parts(stamp, parts, limit)
 
-    def has_seen(self, sensor: int, stamp: int) -> bool:
-        """Whether the others have seen, after a stamp (ns), that a sensor is as before a fault."""
-        return self._checks.since(sensor, stamp) or self._sights.since(sensor, stamp)
+    def is_cleared(self, sensor: int, stamp: int) -> bool:
+        """Whether the others found, after a stamp (ns), that a sensor is as before a fault."""
+        return self._checks.is_after(sensor, stamp) or self._checks_after_fault.is_after(
+            sensor, stamp
+        )
 
     def times(self, stamp: int) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked, at a stamp, ns; inf before."""
-        return tuple(inf if last is None else (stamp - last) * 1e-9 for last in self._checks.last)
+        return tuple(
+            [inf if last is None else (stamp - last) * 1e-9 for last in self._checks.latest]
+        )
+
+    def _running(self, stamp: int) -> float:
+        """Return the time since the first consistent sample ever, s, at a stamp, ns; 0 before."""
+        return 0.0 if self._first is None else (stamp - self._first) * 1e-9
+
+    def _unchecked(self, stamp: int) -> list[float]:
+        """Return how long each sensor has been unchecked, s: `_running` if it never was."""
+        running = self._running(stamp)
+        return [min(time, running) for time in self.times(stamp)]
 
     def overdue(
         self,
@@ -201,48 +181,30 @@ class Exposure:
         Return the sensor that has to be checked before an orientation may be published.
 
         With `start_checked` each sensor in use has to be checked once since the last pause, with
-        `unchecked_limit` every so often. The time counts from the first consistent sample of all,
-        so that a pause does not restart it.
+        `unchecked_limit` every so often. A pause does not restart that time.
         """
         began = self._began
-        if self._first is None or began is None:
-            return None
-        running = (stamp - self._first) * 1e-9
-        if not limits.start_checked and running <= (limits.unchecked_limit or inf):
-            return None
-        for sensor, time in enumerate(self.times(stamp)):
-            unchecked = min(time, running)
-            symptom = self._overdue_sensor(sensor, unchecked, began, limits)
-            if symptom is not None and sensor not in left_out:
-                return symptom
-        return None
-
-    def _overdue_sensor(
-        self,
-        sensor: int,
-        unchecked: float,
-        began: int,
-        limits: Limits,
-    ) -> Symptom | None:
-        """
-        Return why a sensor has to be checked first, which has been unchecked for a time, s.
-
-        `began` is the stamp of the first consistent sample since the last pause, ns.
-        """
-        if limits.start_checked and not self._checks.since(sensor, began):
-            return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
         longest = limits.unchecked_limit or inf
-        if unchecked > longest:
-            detail = f'{unchecked:.0f} s, limit {longest:g}'
-            return withheld(Reason.UNCHECKED, detail, sensor)
+        is_due = limits.start_checked or self._running(stamp) > longest
+        if began is None or not is_due:
+            return None
+        for sensor, unchecked in enumerate(self._unchecked(stamp)):
+            if sensor in left_out:
+                continue
+            if limits.start_checked and not self._checks.is_after(sensor, began):
+                return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
+            if unchecked > longest:
+                detail = f'{unchecked:.0f} s, limit {longest:g}'
+                return withheld(Reason.UNCHECKED, detail, sensor)
         return None
 
     def cautions(self, stamp: int) -> dict[str, str]:
         """Return which sensors are unchecked for more than `CAUTION`, by kind, in words."""
-        first = stamp if self._first is None else self._first
-        return {
-            f'unchecked {name}': f'{name} unchecked '
-            + ('since the start' if time == inf else f'for {time:.0f} s')
-            for name, time in zip(ALL_JOINT_NAMES, self.times(stamp), strict=False)
-            if min(time, (stamp - first) * 1e-9) > CAUTION
-        }
+        cautions = {}
+        for sensor, unchecked in enumerate(self._unchecked(stamp)):
+            if unchecked > CAUTION:
+                name = ALL_JOINT_NAMES[sensor]
+                is_first = self._checks.latest[sensor] is None
+                how_long = 'since the start' if is_first else f'for {unchecked:.0f} s'
+                cautions[f'unchecked {name}'] = f'{name} unchecked {how_long}'
+        return cautions

@@ -18,8 +18,8 @@ from typing import NamedTuple
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
+from spm_haptic_master.supervision.sample import Sample
 from spm_haptic_master.supervision.sample_clock import RESTART_GAP
-from spm_haptic_master.supervision.sensor_set import Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.symptom import (
     how_to_check,
@@ -269,7 +269,7 @@ class FaultLatch:
         fault.waiting = tuple(
             sensor
             for sensor in self._suspects(fault)
-            if not exposure.has_seen(sensor, fault.last_bad)
+            if not exposure.is_cleared(sensor, fault.last_bad)
         )
         return not fault.waiting
 

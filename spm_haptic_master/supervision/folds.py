@@ -17,7 +17,7 @@ from math import hypot, inf, sqrt
 
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.supervision.anchor import within
+from spm_haptic_master.kinematics.rotations import is_within
 from spm_haptic_master.supervision.protection import Integrity
 from spm_haptic_master.supervision.sensor_set import SensorSet
 
@@ -26,10 +26,10 @@ from spm_haptic_master.supervision.sensor_set import SensorSet
 NEAR_TURN = 0.02
 ANY_TURN = 0.2
 SHARE = 0.05
-# What a turn changes a curvature by, over the length of the parity's derivative by the readings
-# (1 / rad): the median of 2,900 poses to a tilt of 25 deg is 1, and 99 % are below, but within
-# degrees of where a leg's reach ends.
-CHANGE = 8.0
+# Change of a curvature by a turn of 1 rad, over the length of the parity's derivative by the
+# readings (1 / rad): the median of 2,900 poses to a tilt of 25 deg is 1, and 99 % are below this;
+# the others are within degrees of where a leg's reach ends.
+CURVATURE_CHANGE = 8.0
 
 
 class Folds:
@@ -41,9 +41,11 @@ class Folds:
 
     Attributes
     ----------
+    distances : list of float, length N
+        Angle to the other solution of the others behind the fold of each sensor, rad:
+        1 / (slope_i c_i). Infinite if there is none, 0 if the others do not check the sensor.
     nearest : float
-        Smallest of the angles to other solutions behind a fold, rad; infinite if there is none, 0
-        if a sensor is not checked at all.
+        The smallest of these, rad.
 
     """
 
@@ -55,27 +57,17 @@ class Folds:
         """Forget the curvatures: other sensors are in use."""
         self._curvatures = [inf] * self._sensors
         # Orientation at which they were computed.
-        self._at: Quaternion[float] | None = None
-        self._distances = [inf] * self._sensors
-        # The smallest of the angles to other solutions behind a fold, rad.
+        self._computed_at: Quaternion[float] | None = None
+        self.distances = [inf] * self._sensors
         self.nearest = inf
-
-    def distance(self, sensor: int) -> float:
-        """
-        Return the angle to the other solution of the others behind a fold, rad.
-
-        1 / (slope_i c_i) by the second order; infinite if there is none, 0 if the others do not
-        check the sensor at all.
-        """
-        return self._distances[sensor]
 
     def parts(self, used: SensorSet, estimate: SampleEstimate, worth: Integrity) -> list[float]:
         """
         Return each sensor's part of the level of a sample.
 
         Only with four sensors in use the others can have a fold beside the orientation. The part
-        is the turn e at which e / slope - c e^2 reaches the parity of an undetected fault, and the
-        part of healthy sensors.
+        is the turn e at which e / slope - c e^2 reaches the parity of an undetected fault, plus
+        what noise and bias of healthy sensors do.
 
         Parameters
         ----------
@@ -92,19 +84,19 @@ class Folds:
             Part of each of N sensors, rad; infinite if no fault of it is detected.
 
         """
-        parts = used.levels(worth)
+        parts = used.parts(worth)
         if used.entries > 1:
             self.nearest = inf
             return parts
-        # Largest curvature that may have come since, in a turn of 1 rad.
-        change = CHANGE * hypot(*estimate.parity_sizes)
+        # Largest change of a curvature by a turn of 1 rad.
+        change = CURVATURE_CHANGE * hypot(*estimate.parity_sizes)
         turn = self._bend(parts, used, worth, change)
         here = estimate.quaternion
-        if self._at is None or not within(self._at, here, turn):
+        if self._computed_at is None or not is_within(self._computed_at, here, turn):
             for sensor in used.places:
                 self._curvatures[sensor] = used.solver.curvature(estimate, sensor)
-            self._at = here
-            parts = used.levels(worth)
+            self._computed_at = here
+            parts = used.parts(worth)
             self._bend(parts, used, worth, change)
         return parts
 
@@ -119,34 +111,31 @@ class Folds:
         Take the parts to second order; return the turn for which the curvatures hold, rad.
 
         With curvature c and slope s of a sensor, a turn e leaves the parity e / s - c e^2. What
-        leaves no more than l / s, with the linear bound l, is at most
-        2 l / (1 + sqrt(1 - 4 s c l)), if the share 4 s c l is below 1. A turn changes c by up to
-        `change` a rad.
+        leaves no more than l / s, with the first-order part l, is at most
+        2 l / (1 + sqrt(1 - 4 s c l)), if the share 4 s c l of the largest parity is below 1. A
+        turn changes c by up to `change` a rad.
         """
         turn = ANY_TURN
         self.nearest = inf
         healthy = worth.healthy
-        slopes = worth.slopes
         for sensor in used.places:
             linear = parts[sensor] - healthy
             if linear == inf:
-                self._distances[sensor] = 0.0
-                self.nearest = 0.0
+                self.distances[sensor] = self.nearest = 0.0
                 continue
-            slope = slopes[sensor]
-            bent = slope * self._curvatures[sensor]
-            distance = 1.0 / bent if bent else inf
-            self._distances[sensor] = distance
-            if distance < self.nearest:
-                self.nearest = distance
-            share = 4.0 * bent * linear
+            slope = worth.slopes[sensor]
+            bend = slope * self._curvatures[sensor]
+            distance = 1.0 / bend if bend else inf
+            self.distances[sensor] = distance
+            self.nearest = min(self.nearest, distance)
+            share = 4.0 * bend * linear
             if share >= 1.0:
                 parts[sensor] = inf
                 turn = NEAR_TURN
                 continue
-            left = 1.0 - share
-            parts[sensor] = healthy + 2.0 * linear / (1.0 + sqrt(left))
+            rest = 1.0 - share
+            parts[sensor] = healthy + 2.0 * linear / (1.0 + sqrt(rest))
             changed = 4.0 * slope * linear * change * turn
-            if changed > SHARE * left:
-                turn *= SHARE * left / changed
+            if changed > SHARE * rest:
+                turn *= SHARE * rest / changed
         return max(turn, NEAR_TURN)

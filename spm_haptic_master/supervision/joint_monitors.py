@@ -5,14 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from math import degrees, hypot, inf
 from operator import add
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR, Limits
 from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
-from spm_haptic_master.supervision.sensor_set import Angles
+from spm_haptic_master.supervision.sample import Angles
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
 # Largest innovation of a quiet joint: a healthy one exceeds it once in two million samples.
@@ -209,35 +209,30 @@ class JointMonitors:
             departure = joint.departures
         return joint.returned == departure > 0
 
-    def follow_noise(self, bounds: Callable[[], list[float]]) -> None:
+    def follow_noise(self, bounds: Sequence[float]) -> None:
         """
         Let the limits allow for the noise as measured, where it is above the configured.
 
-        `bounds` returns the largest factor of each sensor that the parity allows: a joint that
-        seems noisier vibrates.
-        """
-        factors = [
-            joint.noise / sigma for joint, sigma in zip(self._joints, self._sigma, strict=True)
-        ]
-        self._vibrates = False
-        if max(factors) > NOISE_FACTOR:
-            factors = self._bounded(factors, bounds())
-        self.factors = tuple(factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
-        for joint, sigma, factor in zip(self._joints, self._sigma, self.factors, strict=True):
-            joint.allow(factor * sigma)
+        Parameters
+        ----------
+        bounds : sequence of float, length N
+            Largest factor of each sensor's noise that the parity allows: a joint that seems
+            noisier vibrates. Infinite for a sensor that the parity does not see: where any other
+            joint vibrates, it is assumed to vibrate as well.
 
-    def _bounded(self, factors: Sequence[float], bounds: Sequence[float]) -> list[float]:
-        """Return the factors of the noise, each at most what the parity allows of it."""
+        """
         self._vibrates = any(
             joint.noise > NOISE_FACTOR * joint.expected and bound <= NOISE_FACTOR
             for joint, bound in zip(self._joints, bounds, strict=True)
         )
-        # Where one joint vibrates, one that the parity does not see does so too.
-        hidden = 1.0 if self._vibrates else inf
-        return [
-            min(factor, bound if bound < inf else hidden)
-            for factor, bound in zip(factors, bounds, strict=True)
-        ]
+        factors = []
+        for joint, sigma, bound in zip(self._joints, self._sigma, bounds, strict=True):
+            if bound == inf and self._vibrates:
+                bound = 1.0
+            factor = min(joint.noise / sigma, bound)
+            factors.append(factor if factor > NOISE_FACTOR else 1.0)
+            joint.allow(factors[-1] * sigma)
+        self.factors = tuple(factors)
 
     def noise(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""

@@ -16,13 +16,11 @@ from math import sqrt
 
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
-# A parity vector: one to three entries, zeros behind them (unit 1).
-Parity = tuple[float, float, float]
-
-WINDOW_SAMPLES = 10  # fewest samples of the window, where they come slowly
+WINDOW_SAMPLES = 10  # fewest samples of the window, at any rate
 FIRST_TOGETHER = 5  # fewest samples that are tested together
 SUMMED_SAMPLES = 1000  # after which sums are computed anew: rounding must not add up over days
-# Samples over which the variance is averaged, and those that the expected one counts for at first.
+# Samples over which the variance is averaged, and how many the expected variance counts for at the
+# start.
 VARIANCE_SAMPLES = 256.0
 LEARNT_SAMPLES = 64.0
 OUTLIER = 16.0  # largest square of a deviation, over the mean square, that the variance counts
@@ -44,7 +42,8 @@ class ParityWindow:
     Attributes
     ----------
     root : float
-        Square root of the number of samples in the window, `WINDOW_SAMPLES` at least.
+        Square root of the number of samples in the window, counted as `WINDOW_SAMPLES` at least:
+        the mean has 1 / root of the deviation of a sample.
     variance : float
         Variance of an entry, measured about the window's mean (unit 1).
 
@@ -67,21 +66,21 @@ class ParityWindow:
         self.root = sqrt(WINDOW_SAMPLES)
 
     @property
-    def mean(self) -> Parity:
-        """Return the mean parity vector of the window; zeros without samples."""
-        count = len(self._parities) or 1
-        return self._x / count, self._y / count, self._z / count
+    def mean(self) -> tuple[float, float, float]:
+        """Return the mean parity vector of the window, zeros behind its entries (unit 1)."""
+        weight = 1.0 / (len(self._parities) or 1)
+        return weight * self._x, weight * self._y, weight * self._z
 
     @property
     def mean_bias(self) -> float:
-        """Return the mean of the biases that the samples of the window were allowed; or 0."""
+        """Return the mean of the biases that the samples of the window were allowed (unit 1)."""
         return self._bias / (len(self._parities) or 1)
 
     def limit(
         self,
         noise: float,
         bias: float,
-        samples: float = 1.0,
+        samples: int = 1,
     ) -> float:
         """
         Return the limit of the norm of a mean of samples.
@@ -92,8 +91,8 @@ class ParityWindow:
             Bound of the measured deviation of an entry (unit 1).
         bias : float
             What the nominal biases do to the norm at most, in standard deviations.
-        samples : float
-            Number of samples of the mean.
+        samples : int
+            Number of samples that are averaged.
 
         Returns
         -------
@@ -103,7 +102,7 @@ class ParityWindow:
         """
         return self._threshold * noise / sqrt(samples) + bias
 
-    def check(
+    def test(
         self,
         stamp: int,
         parity: tuple[float, ...],
@@ -114,7 +113,8 @@ class ParityWindow:
         Test a sample by itself, then with those of the window.
 
         With the configured noise the entries are independent and have unit variance. A sample that
-        fails by itself does not enter the window.
+        fails by itself does not enter the window, and fewer than `FIRST_TOGETHER` are not tested
+        together.
 
         Parameters
         ----------
@@ -134,9 +134,10 @@ class ParityWindow:
             are within their limits.
 
         """
-        x, y, z = padded(parity)
+        x, y, z = (*parity, 0.0, 0.0)[:3]
         square = x * x + y * y + z * z
-        limit = self._threshold * noise + bias
+        limit = self.limit(noise, bias)
+        # The negation lets NaN fail.
         if not square <= limit * limit:
             detail = f'parity {sqrt(square):.1f} sigma, limit {limit:.1f}'
             return Symptom(Reason.INCONSISTENT, detail)
@@ -144,13 +145,10 @@ class ParityWindow:
         count = len(self._parities)
         if count < FIRST_TOGETHER:
             return None
-        part = 1.0 / count
-        mean_x = part * self._x
-        mean_y = part * self._y
-        mean_z = part * self._z
+        mean_x, mean_y, mean_z = self.mean
         self._follow_variance(x - mean_x, y - mean_y, z - mean_z)
         square = mean_x * mean_x + mean_y * mean_y + mean_z * mean_z
-        limit = self._threshold * noise / sqrt(count) + bias
+        limit = self.limit(noise, bias, count)
         if square <= limit * limit:
             return None
         # The nominal biases of a moving device may do less to this sample than to the others.
@@ -188,7 +186,7 @@ class ParityWindow:
             self._sum_anew()
 
     def _sum_anew(self) -> None:
-        """Compute the sums from the samples, without the rounding of those that came and went."""
+        """Compute the sums anew from the samples of the window, without the rounding so far."""
         self._since_summed = 0
         _, xs, ys, zs, biases = zip(*self._parities, strict=True)
         self._x = sum(xs)
@@ -198,18 +196,8 @@ class ParityWindow:
 
     def _follow_variance(self, x: float, y: float, z: float) -> None:
         """Average the squared deviation of a sample from the mean; an outlier counts little."""
-        square = (x * x + y * y + z * z) / self._entries
         mean = self.variance
-        if square > OUTLIER * mean:
-            square = OUTLIER * mean
+        square = min((x * x + y * y + z * z) / self._entries, OUTLIER * mean)
         if self._learnt < VARIANCE_SAMPLES:
             self._learnt += 1.0
         self.variance = mean + (square - mean) / self._learnt
-
-
-def padded(parity: tuple[float, ...]) -> Parity:
-    """Return a parity vector of one to three entries as three, zeros behind."""
-    if len(parity) == 1:
-        return parity[0], 0.0, 0.0
-    x, y, z, *_ = *parity, 0.0
-    return x, y, z

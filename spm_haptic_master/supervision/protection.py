@@ -6,9 +6,9 @@ Protection level of an orientation: how wrong one faulty sensor can make it with
 
 The theory is that of receiver autonomous integrity monitoring (Brown and Chin 1997: slope; Blanch
 et al. 2012: nominal bias). A fault of sensor i turns the orientation by |K_i| and moves the parity
-by |p_i| a unit: its slope is |K_i| / |p_i|. A fault is detected with the missed-detection rate of
-`MISSED_DETECTION` where it moves the mean parity beyond threshold, noise and nominal bias. The
-bias counts twice: it widens the threshold, and the biases of the other sensors may oppose the
+by |p_i|, each per rad: its slope is |K_i| / |p_i|. A fault is detected with the missed-detection
+rate of `MISSED_DETECTION` where it moves the mean parity beyond threshold, noise and nominal bias.
+The bias counts twice: it widens the threshold, and the biases of the other sensors may oppose the
 fault. A smaller fault turns the orientation by the slope times that, at most.
 """
 
@@ -20,7 +20,7 @@ from math import hypot, inf, pi, sqrt
 
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 
-# Standard deviations that a fault at the protection level exceeds the threshold by (unit 1): it
+# Standard deviations by which a fault at the protection level exceeds the threshold (unit 1): it
 # stays undetected, or noise alone turns an orientation further, with a probability of 1e-7.
 MISSED_DETECTION = 5.3
 
@@ -52,15 +52,15 @@ class Integrity:
     bias: float
     slopes: Sequence[float]
 
-    def levels(self, reach: float, window_bias: float = 0.0) -> list[float]:
+    def parts(self, undetected: float, window_bias: float = 0.0) -> list[float]:
         """
         Return each sensor's part of the protection level, rad.
 
         Parameters
         ----------
-        reach : float
-            Mean parity beyond which a fault is detected in all but 1e-7 of the cases, with the
-            configured noise and without nominal bias, in standard deviations.
+        undetected : float
+            Mean parity up to which a fault may stay undetected, with the configured noise and
+            without nominal bias, in standard deviations.
         window_bias : float
             Mean of `bias` over the samples of that mean parity, in standard deviations: where the
             device slows down, its readings were later before, and hid a larger fault.
@@ -68,18 +68,38 @@ class Integrity:
         Returns
         -------
         list of float
-            slope_i (reach noise + 2 bias) + healthy of each of the N sensors, with the larger of
-            the two biases; infinite if unchecked.
+            slope_i (undetected noise + 2 bias) + healthy of each of the N sensors, with the larger
+            of the two biases; infinite if unchecked.
 
         """
-        bias = max(self.bias, window_bias)
-        moved = reach * self.noise + 2.0 * bias
-        healthy = self.healthy
-        # A loop, because the call of a comprehension costs as much as three of its turns.
-        parts = []
-        for slope in self.slopes:
-            parts.append(slope * moved + healthy)
-        return parts
+        parity = undetected * self.noise + 2.0 * max(self.bias, window_bias)
+        return [slope * parity + self.healthy for slope in self.slopes]
+
+
+def protection_level(parts: list[float], alert_limit: float, healthy: float) -> float:
+    """
+    Return the protection level of an orientation, rad.
+
+    Parameters
+    ----------
+    parts : list of float, length N
+        Each sensor's part of the level, rad.
+    alert_limit : float
+        Largest part of a sensor that counts as checked, rad; a larger one is not in the level.
+    healthy : float
+        What noise and nominal bias do to the orientation of healthy sensors, rad.
+
+    Returns
+    -------
+    float
+        The largest part of a checked sensor; `healthy` at least.
+
+    """
+    level = healthy
+    for part in parts:
+        if level < part <= alert_limit:
+            level = part
+    return level
 
 
 def integrity(

@@ -12,33 +12,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
-# Time of samples with older stamps, s, and their least number: the clock was set back.
-OLDER_TIME = 0.1
+RESTART_GAP = 0.5  # s; the motion before a longer gap is of no use
+# The clock was set back if so many samples in a row, over so long (s), have older stamps.
 OLDER_SAMPLES = 3
-# Samples over which period and jitter are averaged; until so many came, the least period (s): the
-# first stamps may be those of a burst.
+OLDER_TIME = 0.1
+# Samples over which period and jitter are averaged. Until so many came the period is at least
+# `LEAST_PERIOD` (s), because the first stamps may be those of a burst.
 PERIOD_SAMPLES = 50
 LEAST_PERIOD = 0.001
 LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
-# Shares of the period that a shorter distance of two stamps is no jitter, and is one of a burst:
-# stamps of samples that waited for each other.
-JITTER_SHARE = 1.5
-BURST_SHARE = 0.5
+# Periods beyond which samples are missing between two stamps, which is no jitter; and periods
+# below which the samples waited for each other and came in a burst.
+LOST_PERIODS = 1.5
+BURST_PERIODS = 0.5
 
 
 @dataclass(slots=True)
 class Tick:
     """
-    What a stamp says.
+    The step from the last sample to this one.
 
     Attributes
     ----------
     elapsed : float
         Time since the last sample, s; 0 at the first one, after a pause and after a clock that was
-        set back; negative if the stamp is old.
-    is_old : bool
-        Whether the stamp does not grow: the sample is withheld.
+        set back; negative if the stamp does not grow.
     restarts : bool
         Whether the motion before is of no use: a pause of more than `RESTART_GAP`, or a clock that
         was set back.
@@ -46,8 +44,12 @@ class Tick:
     """
 
     elapsed: float
-    is_old: bool = False
     restarts: bool = False
+
+    @property
+    def is_old(self) -> bool:
+        """Whether the stamp does not grow: the sample is withheld."""
+        return self.elapsed < 0.0
 
 
 class SampleClock:
@@ -68,7 +70,7 @@ class SampleClock:
 
     def __init__(self) -> None:
         self._stamp: int | None = None
-        # What `now` is ahead of the stamps, ns, and the stamps in a row that went back.
+        # What `now` is ahead of the stamps, ns, and how many stamps in a row did not grow.
         self._offset = 0
         self._older = 0
         self.now = 0
@@ -78,15 +80,15 @@ class SampleClock:
         """Forget the period and the jitter, as after a pause; `now` goes on."""
         self.jitter = 0.0
         self.period = 0.0
-        # Mean of the times between samples so far, s, and their number.
+        # Mean time between samples, s, and how many it averages, `PERIOD_SAMPLES` at most.
         self._mean = 0.0
         self._samples = 0
-        # Time by which samples are late, s: what a burst of them makes good.
+        # Time by which the latest sample came late, s: a burst catches up with it.
         self._late = 0.0
 
     def step(self, stamp: int) -> Tick:
         """
-        Take a stamp in; return what it says.
+        Advance to the stamp of a sample.
 
         The first one after a clock that was set back continues `now`, `LEAST_PERIOD` later.
 
@@ -98,7 +100,7 @@ class SampleClock:
         Returns
         -------
         Tick
-            The time since the last sample, and whether the stamp is old or the motion restarts.
+            Time since the last sample, and whether the motion before it is of use.
 
         """
         if self._stamp is None:
@@ -116,24 +118,24 @@ class SampleClock:
         if elapsed > RESTART_GAP:
             return Tick(0.0, restarts=True)
         self._follow_period(elapsed)
-        return Tick(self._sampled(elapsed))
+        return Tick(self._sampling_time(elapsed))
 
     def _step_back(self, last: int, elapsed: float) -> Tick:
         """
-        Count a stamp that does not grow, `elapsed` (s, negative) before the last one, `last`.
+        Count a stamp that does not grow: `elapsed` s (negative) after `last` (ns).
 
         Single ones are old samples. `OLDER_SAMPLES` in a row, and as many as come in `OLDER_TIME`,
-        are a clock that was set back: the next stamp of any value then continues `now`.
-        With an unknown period, after one sample since the last restart, the number suffices.
+        are a clock that was set back: the next stamp, of any value, then continues `now`. Right
+        after a restart the period is not known, and the number of samples suffices.
         """
         self._older += 1
         self.now = last + self._offset + self._older * round(self.period * 1e9)
         if self._older < OLDER_SAMPLES or 0.0 < self._older * self.period < OLDER_TIME:
-            return Tick(elapsed, is_old=True)
+            return Tick(elapsed)
         self._offset = self.now
         self._stamp = None
         self._older = 0
-        return Tick(elapsed, is_old=True, restarts=True)
+        return Tick(elapsed, restarts=True)
 
     def _follow_period(self, elapsed: float) -> None:
         """Average the time between samples, s, and its deviation from the period."""
@@ -145,20 +147,21 @@ class SampleClock:
         self.period = self._mean
         if self._samples < PERIOD_SAMPLES:
             self.period = max(self._mean, LEAST_PERIOD)
-        if elapsed < JITTER_SHARE * self.period:
+        if elapsed < LOST_PERIODS * self.period:
             self.jitter += (abs(elapsed - self.period) - self.jitter) / PERIOD_SAMPLES
 
-    def _sampled(self, elapsed: float) -> float:
+    def _sampling_time(self, elapsed: float) -> float:
         """
-        Return the time between the samplings of two samples, s.
+        Return the time between the samplings of two samples, s, whose stamps are `elapsed` apart.
 
-        Samples that waited for each other have stamps one shortly after the other, behind a gap:
-        they were sampled a period apart. The burst is over with the first usual distance.
+        Samples that waited for each other come in a burst after a gap, with stamps shortly one
+        after the other, although they were sampled a period apart. The burst is over with the
+        first usual distance.
         """
         period = self.period
-        if elapsed > JITTER_SHARE * period:
+        if elapsed > LOST_PERIODS * period:
             self._late = elapsed - period
-        elif elapsed >= BURST_SHARE * period:
+        elif elapsed >= BURST_PERIODS * period:
             self._late = 0.0
         elif self._late >= period - elapsed:
             self._late -= period - elapsed

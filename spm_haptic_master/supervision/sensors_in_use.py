@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which of the mounted sensors are in use: not one without a reading, or that is not trusted.
+Which of the mounted sensors are in use: those with a reading that are trusted.
 
-A set of sensors takes over by a trial: it has to agree in every sample for its time. So a faulty
-sensor is left out, one that was faulty is used again, and one replaces the other.
+Another set of sensors takes over by a trial: it has to agree in every sample for its time. So a
+faulty sensor is left out, one that was faulty is used again, or one replaces the other.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from math import isnan, nan
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR, Limits, THREE
-from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
+from spm_haptic_master.supervision.sample import Angles, Place, Sample
+from spm_haptic_master.supervision.sensor_set import SensorSet
+from spm_haptic_master.supervision.solver import Solver
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, withheld
-from spm_haptic_master.supervision.trial import Place, Trial
+from spm_haptic_master.supervision.trial import Trial
 
 # Consecutive samples without a reading that are a missing sensor; fewer are lost frames.
 MISSING_SAMPLES = 3
 # Largest size of a reading (rad): beyond it an angle has no meaning, and its square may overflow.
 LARGEST_ANGLE = 1e6
+# Places of the mounted sensors that a set leaves out, in ascending order.
 LeftOut = tuple[int, ...]
 
 
@@ -40,7 +43,7 @@ class Distrust:
     time : float
         Time of agreement with the others after which it is used again, s.
     trial : Trial or None
-        Those in use and this sensor; None while they do not agree, or do not check it.
+        Of the sensors in use and this one; None while they do not agree, or do not check it.
 
     """
 
@@ -65,15 +68,15 @@ class SensorsInUse:
     Attributes
     ----------
     used : SensorSet
-        Those in use for this sample; those before if fewer than three are left.
+        The set of those in use for the latest sample; the set before if fewer than three are left.
     missing : tuple of int
-        Sensors without a reading in it.
+        Sensors without a reading in the latest sample.
     left_out : tuple of int
-        Sensors not in use for it, missing or distrusted.
+        Sensors not in use for it: missing or distrusted.
     distrusted : dict of int to Distrust
         Sensors left out for longer than a lost frame.
     words : str
-        What is wrong with each of the distrusted ones; empty without any.
+        What is wrong with each distrusted sensor, in the words of `state`; empty without any.
 
     """
 
@@ -97,8 +100,8 @@ class SensorsInUse:
 
     def restart(self) -> None:
         """Forget the samples of every set."""
-        for each in self._sets.values():
-            each.restart()
+        for sensor_set in self._sets.values():
+            sensor_set.restart()
         self.end_trials()
         for distrust in self.distrusted.values():
             distrust.trial = None
@@ -127,9 +130,9 @@ class SensorsInUse:
             for place in sorted(self.distrusted)
         )
 
-    def note(self, angles: Angles) -> Symptom | None:
+    def note_readings(self, angles: Angles) -> Symptom | None:
         """
-        Note which sensors have a reading; return why they do not suffice, or None.
+        Note which sensors have a reading, rad; return why they do not suffice, or None.
 
         A sensor without a reading for `MISSING_SAMPLES` is distrusted if four others are left.
         """
@@ -167,28 +170,40 @@ class SensorsInUse:
         self,
         sample: Sample,
         place_without: Callable[[int], Place | None],
-        fresh: int,
     ) -> None:
         """
-        Take a sample with which those in use do not agree, or with which a fault is not over.
+        Have every set that may replace the sensors in use follow a sample.
 
-        `place_without` returns where the platform was when they agreed, if a sensor is wrong; None
-        if that is not known. Samples up to `fresh` (ns) apart follow shortly.
+        Parameters
+        ----------
+        sample : Sample
+            A sample with which the sensors in use do not agree, or a fault is not over.
+        place_without : callable
+            Returns, for a sensor, where the platform was last if that sensor is wrong; None if
+            that is not known.
+
         """
-        for key in self._alternatives():
-            if not set(self.missing) <= set(key):
+        for left_out in self._alternatives():
+            if not set(self.missing) <= set(left_out):
                 continue
-            trial = self._trials.get(key)
-            if trial is None:
-                (sensor,) = set(key) - set(self.distrusted)
-                place = place_without(sensor)
-                since = None
-                is_less = set(self.distrusted) <= set(key)
-                if is_less and place is not None and sample.stamp - place.stamp <= fresh:
-                    since = place.stamp
-                trial = Trial(self.without(*key), place, since)
-                self._trials[key] = trial
-            trial.follow(sample, self._limits.joint_speed)
+            if left_out not in self._trials:
+                self._trials[left_out] = self._trial_without(left_out, sample, place_without)
+            self._trials[left_out].follow(sample, self._limits.joint_speed)
+
+    def _trial_without(
+        self,
+        left_out: LeftOut,
+        sample: Sample,
+        place_without: Callable[[int], Place | None],
+    ) -> Trial:
+        """Return a trial of the others, which agreed before if the set only has one less."""
+        (sensor,) = set(left_out) - set(self.distrusted)
+        place = place_without(sensor)
+        is_less = set(self.distrusted) <= set(left_out)
+        since = None
+        if is_less and place is not None and sample.follows(place.stamp):
+            since = place.stamp
+        return Trial(self.without(*left_out), place, since)
 
     @property
     def is_trying(self) -> bool:
@@ -196,24 +211,24 @@ class SensorsInUse:
         return bool(self._trials)
 
     def end_trials(self) -> None:
-        """End the trials of those that may replace the sensors in use: these agree."""
+        """End the trials of the sets that may replace the sensors in use, because these agree."""
         self._trials.clear()
 
     def _alternatives(self) -> Iterator[LeftOut]:
         """Yield what else may be left out: one more, or one in place of another."""
-        base = set(self.distrusted)
-        others = [place for place in range(len(self._gone)) if place not in base]
-        for sensor in others:
-            if len(others) > THREE:
-                yield tuple(sorted({*base, sensor}))
-            for trusted in base:
-                yield tuple(sorted({*base, sensor} - {trusted}))
+        distrusted = set(self.distrusted)
+        trusted = [place for place in range(len(self._gone)) if place not in distrusted]
+        for sensor in trusted:
+            if len(trusted) > THREE:
+                yield tuple(sorted({*distrusted, sensor}))
+            for back in distrusted:
+                yield tuple(sorted({*distrusted, sensor} - {back}))
 
-    def followed(self) -> dict[int, Place]:
+    def places_on_trial(self) -> dict[int, Place]:
         """
-        Return where the platform is if a sensor is wrong, as followed through bad samples.
+        Return where the platform is if a sensor is wrong, as its trial followed it.
 
-        By the sensor, of those in use; only such with a trial of the others that has a place.
+        By sensor in use; only of those with a trial of the others that has a place.
         """
         if not self._trials:
             return {}
@@ -222,11 +237,7 @@ class SensorsInUse:
         }
 
     def passing(self, stamp: int, onset: int) -> list[int]:
-        """
-        Return the sensors without which the others may go on.
-
-        They agree in every sample since before the fault began (`onset`, ns), or for a window.
-        """
+        """Return the sensors without which the others pass their trial; see `Trial.passes`."""
         return [
             sensor
             for sensor, trial in self._without_one()
@@ -234,7 +245,7 @@ class SensorsInUse:
         ]
 
     def standing(self, stamp: int, onset: int) -> list[int]:
-        """Return the sensors that may be the faulty one: `passing`, and not contradicted yet."""
+        """Return the sensors that may be the faulty one: passing, or not contradicted yet."""
         return [
             sensor
             for sensor, trial in self._without_one()
@@ -251,10 +262,10 @@ class SensorsInUse:
     @property
     def are_all_tested(self) -> bool:
         """
-        Whether each sensor in use is left out by a trial that can agree.
+        Whether the trial without each sensor in use can show that the others agree.
 
-        Not one that may have drifted while it was hidden. One with a rival counts: it was wrong at
-        the start or after a gap, or it is not.
+        It cannot for a sensor that may have drifted while it was hidden. It can for one with a
+        rival, which was either wrong at the start or after a gap already, or is not.
         """
         return all(trial.can_agree for _, trial in self._without_one())
 
@@ -270,17 +281,17 @@ class SensorsInUse:
 
         It is the only one that has agreed for as long as the other sensor's return takes.
         """
-        base = set(self.distrusted)
         passed = []
-        for key, trial in self._trials.items():
-            back = [sensor for sensor in base if sensor not in key]
-            if back and trial.passes(stamp, -1, self.distrusted[back[0]].time):
-                passed.append((back[0], set(key) - base))
+        for left_out, trial in self._trials.items():
+            for sensor in set(self.distrusted) - set(left_out):
+                if trial.passes(stamp, -1, self.distrusted[sensor].time):
+                    passed.append((sensor, left_out))
         if len(passed) != 1:
             return False
-        back_again, left_out = passed[0]
-        del self.distrusted[back_again]
-        self.exclude(*left_out)
+        sensor, left_out = passed[0]
+        faulty = set(left_out) - set(self.distrusted)
+        del self.distrusted[sensor]
+        self.exclude(*faulty)
         return True
 
     def readmit(
@@ -293,13 +304,26 @@ class SensorsInUse:
         """
         Use a sensor again once it has agreed with those in use for its time.
 
-        `here` is their orientation; the sensor's part of the level has to be within the alert
-        limit, rad. `has_returned` tells whether a sensor is back on the motion that it left.
-        Returned is a symptom where a sensor had come back, by its agreement or by its own motion,
-        and three others, which nothing else checks, disagree with it: it may be one of them.
+        Parameters
+        ----------
+        sample : Sample
+            A sample with which those in use agree.
+        here : Place
+            Their orientation.
+        alert_limit : float
+            Largest part of the level with which the others check the sensor, rad.
+        has_returned : callable
+            Whether a sensor is back on the motion that it left.
+
+        Returns
+        -------
+        Symptom or None
+            INCONSISTENT if a sensor had come back, by its agreement or by its own motion, and
+            disagrees with three others, which nothing else checks: one of them may be faulty.
+
         """
         symptom = None
-        for sensor in sorted({*self.distrusted} - {*self.missing}):
+        for sensor in sorted(set(self.distrusted) - set(self.missing)):
             distrust = self.distrusted[sensor]
             trial = distrust.trial or self._trial_with(sensor, here)
             distrust.trial = trial
@@ -312,7 +336,7 @@ class SensorsInUse:
                     f'{ALL_JOINT_NAMES[sensor]} had come back, and does not agree',
                     severity=Severity.LATCH,
                 )
-            if not agrees or not self._is_checked(trial.set, sensor, sample, alert_limit):
+            if not agrees or not _is_checked(trial.sensor_set, sensor, sample, alert_limit):
                 distrust.trial = None
             elif trial.passes(sample.stamp, -1, distrust.time):
                 del self.distrusted[sensor]
@@ -321,24 +345,19 @@ class SensorsInUse:
 
     def _trial_with(self, sensor: int, here: Place) -> Trial:
         """Return a trial, from an orientation on, of those in use and one left-out sensor."""
-        left_out = {*self.left_out} - {sensor}
+        left_out = set(self.left_out) - {sensor}
         return Trial(self.without(*left_out), here, None)
 
-    def _is_checked(
-        self,
-        trial: SensorSet,
-        sensor: int,
-        sample: Sample,
-        alert_limit: float,
-    ) -> bool:
-        """Whether the others of a set can check a sensor, whose noise is no more than its part."""
-        if trial.worth is None or trial.levels(trial.worth)[sensor] > alert_limit:
-            return False
-        noisy = trial.too_noisy(sample)
-        return noisy is None or noisy.sensor != sensor
+
+def _is_checked(trial_set: SensorSet, sensor: int, sample: Sample, alert_limit: float) -> bool:
+    """Whether the others of a set check a sensor, to a limit in rad, and it is not too noisy."""
+    if trial_set.worth is None or trial_set.parts(trial_set.worth)[sensor] > alert_limit:
+        return False
+    noisy = trial_set.too_noisy(sample)
+    return noisy is None or noisy.sensor != sensor
 
 
-def within_reach(angles: Angles) -> Angles:
+def plausible(angles: Angles) -> Angles:
     """Return readings, rad, with NaN for each that no joint has; the same tuple if none is."""
     for angle in angles:
         # NaN, a sensor without a reading, is not larger.

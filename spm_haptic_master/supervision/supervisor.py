@@ -11,7 +11,6 @@ sample is still withheld while a fault is latched, or if its orientation is not 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import degrees, inf
 
@@ -23,23 +22,25 @@ from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.parameters.fkm import Limits, limits_from, sigma_from
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE
+from spm_haptic_master.supervision.anchor import Anchor
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault import Acknowledgement, FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.orientation_state import HEALTHY, OrientationState, StateMachine
-from spm_haptic_master.supervision.rivals import FRESH_PERIODS, FRESH_TIME, Rivals
+from spm_haptic_master.supervision.protection import protection_level
+from spm_haptic_master.supervision.rivals import Rivals
+from spm_haptic_master.supervision.sample import Angles, Place, PRIOR_AGE, Sample
 from spm_haptic_master.supervision.sample_clock import SampleClock, Tick
-from spm_haptic_master.supervision.sensor_set import Angles, Sample, SensorSet, Solver
-from spm_haptic_master.supervision.sensors_in_use import SensorsInUse, within_reach
+from spm_haptic_master.supervision.sensors_in_use import plausible, SensorsInUse
+from spm_haptic_master.supervision.solver import Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
-from spm_haptic_master.supervision.trial import Place
+from spm_haptic_master.supervision.unseen_jumps import UnseenJumps
 
 GAP_PERIODS = 5.0  # periods without a sample after which fast motion and a step look alike
 NOISE_PERIOD = 16  # samples between two evaluations of the noise
-# s beyond the periods of `start_samples` after which bad samples are no part of the start.
+# Time (s), beside the periods of `start_samples`, after which bad samples are no part of a start.
 START_TIME = 1.0
-# What `state` says of a series of bad samples while the others go out.
+# Words of `state` for a series of bad samples between orientations that are published.
 SERIES = 'inconsistent angles again and again'
 
 
@@ -94,9 +95,9 @@ class Supervisor:
         Parts of the protection level of the latest sample, rad: what an undetected fault of each
         sensor is bounded by. Infinite where nothing bounds it, or the sample is not consistent.
     joints : JointMonitors
-        Each joint by itself; has the noise as measured.
+        Each joint by itself, with the noise as measured.
     latch : FaultLatch
-        Has the fault, if one is latched.
+        The fault, if one is latched.
 
     """
 
@@ -114,6 +115,7 @@ class Supervisor:
         self._anchor = Anchor(limits.joint_speed, max(sigma), max(limits.bias))
         self._rivals = Rivals(self._sensors, len(sigma), limits.joint_speed)
         self._exposure = Exposure(len(sigma), limits.window)
+        self._unseen_jumps = UnseenJumps(self.joints, self._exposure, self._rivals)
         self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
         self._state = StateMachine()
         self.parity: float | None = None
@@ -125,11 +127,6 @@ class Supervisor:
         self._undetermined: int | None = None
         # Orientation published last, and its readings (rad).
         self._last: tuple[Quaternion[float], Angles] | None = None
-        # Sensors that the parity could not check when all joints were last on their motion, and
-        # the stamp (ns) of that sample.
-        self._hidden: Collection[int] = ()
-        self._unseen: Mapping[int, float] = {}
-        self._undisturbed = 0
 
     def take(self, stamp: int, angles: Angles) -> Verdict:
         """
@@ -159,8 +156,8 @@ class Supervisor:
         if tick.is_old:
             return self._withhold_old(tick)
         is_gap = tick.restarts or tick.elapsed > GAP_PERIODS * clock.period > 0.0
-        hidden_jumps = self._jumps_in_gap(tick) if is_gap else []
-        readings = within_reach(angles)
+        jumps_in_gap = self._jumps_in_gap(tick) if is_gap else []
+        readings = plausible(angles)
         cause = self._too_few(readings, angles)
         is_away, symptoms = self.joints.follow(
             readings,
@@ -171,19 +168,20 @@ class Supervisor:
         )
         sample = self._sample(readings)
         if cause is not None:
-            return self._bad(sample, tick, [cause])
-        self._check_noise(sample, symptoms)
-        self._solve(sample, symptoms)
-        if hidden_jumps:
-            symptoms += self._staying(hidden_jumps)
+            return self._bad(sample, [cause])
+        for symptom in (self._too_noisy(sample), self._contradiction(sample)):
+            if symptom is not None:
+                symptoms.append(symptom)
+        if jumps_in_gap:
+            symptoms += self._staying(jumps_in_gap)
         if is_away:
             # What the parity sees is bad anyway: the jump gives it its name.
             symptoms += self._jumps(is_gap, any_step=is_gap or bool(symptoms))
         else:
-            self._note_undisturbed(sample.stamp)
+            self._unseen_jumps.note_undisturbed(sample.stamp)
         if symptoms:
-            return self._bad(sample, tick, symptoms)
-        return self._consistent(sample, tick)
+            return self._bad(sample, symptoms)
+        return self._consistent(sample)
 
     def _withhold_old(self, tick: Tick) -> Verdict:
         """Withhold a sample whose stamp does not grow; restart if the clock was set back."""
@@ -210,8 +208,8 @@ class Supervisor:
         return [jump for jump in jumps if not self.joints.has_returned(jump.sensor)]
 
     def _too_few(self, readings: Angles, given: Angles) -> Symptom | None:
-        """Return why the sensors with a reading do not suffice; `given` are the angles as came."""
-        cause = self._sensors.note(readings)
+        """Return why the sensors with a reading do not suffice; `given` has implausible ones."""
+        cause = self._sensors.note_readings(readings)
         if cause is not None and readings is not given:
             return withheld(Reason.NOT_FINITE, f'{list(given)} rad')
         return cause
@@ -219,50 +217,35 @@ class Supervisor:
     def _sample(self, angles: Angles) -> Sample:
         """Return the angles with what the solution of this sample has to allow for."""
         clock = self._clock
-        anchor = self._anchor
         joints = self.joints
         return Sample(
             stamp=clock.now,
             angles=angles,
-            prior=anchor.prior(clock.now),
-            followed=anchor.stamp,
+            prior=self._anchor.prior(clock.now),
             bias=joints.bias,
             factors=joints.factors,
             parity_bias=joints.parity_bias,
             period=clock.period,
         )
 
-    def _note_undisturbed(self, stamp: int) -> None:
-        """Note what the parity could not see while all joints are on their motion, at a stamp."""
-        self._hidden = self._exposure.hidden
-        self._unseen = self._rivals.unseen
-        self._undisturbed = stamp
-
-    @property
-    def _fresh(self) -> int:
-        """Longest time between two samples that follow shortly, ns; 0 before the second sample."""
-        return min(round(FRESH_PERIODS * self._clock.period * 1e9), FRESH_TIME)
-
-    def _check_noise(self, sample: Sample, symptoms: list[Symptom]) -> None:
+    def _too_noisy(self, sample: Sample) -> Symptom | None:
         """
-        Evaluate the joints' noise every `NOISE_PERIOD` samples; add the sensor that is too noisy.
+        Evaluate the joints' noise every `NOISE_PERIOD` samples; return a sensor that is too noisy.
 
-        It waits for a sample behind one with an orientation, which says how much noise the parity
-        allows. Noise alone is a symptom only if the others can go on without that sensor.
-        Otherwise it raises the protection level.
+        It waits for a sample after one with an orientation, which bounds the noise by the parity.
+        Noise alone is a symptom only if the others can go on without that sensor. Otherwise it
+        raises the protection level.
         """
         used = self._sensors.used
         if self.joints.samples - self._noise_sample < NOISE_PERIOD or used.estimate is None:
-            return
+            return None
         self._noise_sample = self.joints.samples
-        self.joints.follow_noise(used.noise_bounds)
-        noisy = used.too_noisy(sample)
-        if noisy is not None and used.entries > 1 and self._may_exclude():
-            symptoms.append(noisy)
+        self.joints.follow_noise(used.noise_bounds())
+        return used.too_noisy(sample) if used.entries > 1 and self._may_exclude() else None
 
-    def _solve(self, sample: Sample, symptoms: list[Symptom]) -> None:
+    def _contradiction(self, sample: Sample) -> Symptom | None:
         """
-        Solve a sample by the sensors in use; add what contradicts it.
+        Solve a sample by the sensors in use; return what contradicts it.
 
         For `PRIOR_AGE` after a sample that did not determine the orientation, angles that fit no
         orientation, or one that does not continue the last, are undetermined rather than a fault.
@@ -272,9 +255,9 @@ class Supervisor:
         if used.estimate is not None:
             self.parity = used.estimate.parity
         if symptom is None:
-            symptom = self._continued(sample, used)
+            symptom = self._follow_orientation(sample)
         if symptom is None:
-            return
+            return None
         last = self._undetermined
         if symptom.reason is Reason.UNDETERMINED:
             self._undetermined = sample.stamp
@@ -284,68 +267,40 @@ class Supervisor:
             and sample.stamp - last <= PRIOR_AGE
         ):
             # Where the sensors determine nothing it is no evidence against one of them.
-            symptom = withheld(Reason.UNDETERMINED, symptom.detail)
             self._anchor.restart()
-        symptoms.append(symptom)
+            return withheld(Reason.UNDETERMINED, symptom.detail)
+        return symptom
 
-    def _continued(self, sample: Sample, used: SensorSet) -> Symptom | None:
+    def _follow_orientation(self, sample: Sample) -> Symptom | None:
         """
-        Compare a consistent orientation with the last one, and with its rivals.
+        Compare a consistent orientation with the last one; follow the other hypotheses.
 
-        While a fault is latched, the sets that may replace the sensors in use are followed as
-        well. The rivals are followed only if the orientation continues the last one and is
-        determined.
+        Those are its rivals and, while a fault is latched, the sets that may replace the sensors
+        in use. They are followed only if the orientation continues the last one and is determined.
         """
-        estimate = used.estimate
-        worth = used.worth
+        estimate = self._sensors.used.estimate
+        worth = self._sensors.used.worth
         if estimate is None or worth is None:
             return None
-        symptom = self._anchor.check(
-            sample.stamp, sample.period, estimate.quaternion, worth.deviation
-        )
+        symptom = self._anchor.discontinuity(sample, estimate.quaternion, worth.deviation)
         if symptom is None and estimate.determined:
             if self.latch.fault is not None:
-                self._sensors.try_others(sample, self._rivals.place_without, self._fresh)
-            self.parts = self._rivals.follow(sample, used, estimate, self.alert_limit, self._fresh)
+                self._sensors.try_others(sample, self._rivals.place_without)
+            self.parts = self._rivals.follow(sample, self.alert_limit)
         return symptom
 
     def _jumps(self, is_gap: bool, any_step: bool) -> list[Symptom]:
-        """
-        Return the sensors that jumped alone, where the parity cannot see it.
-
-        The parity cannot see the sensors that it could not check when all joints were last on
-        their motion, and those with a rival that was born since: the jump itself may have led to
-        it. It sees one that is too small to lead to a rival, as of a healthy joint that is shaken:
-        that counts only with `any_step`, as after a gap, which may hide how large it was. Before
-        the first orientation there is no motion to compare with.
-        """
+        """Return the jumps that the parity cannot show; see `UnseenJumps.found`."""
         if self._state.published is None:
+            # Before the first orientation there is no motion to compare with.
             return []
-        born = self._rivals.born_since(self._undisturbed)
-        hidden = {
-            sensor
-            for sensor in (*self._hidden, *born)
-            if any_step or self.joints.distance(sensor) >= self._least_step(sensor, born)
-        }
-        return self.joints.jumps(self._sensors.used.places, hidden, is_gap)
-
-    def _least_step(self, sensor: int, born: Collection[int]) -> float:
-        """Return the least step of a sensor that the parity may not show, rad."""
-        least = self._unseen.get(sensor, 0.0)
-        if sensor in born:
-            least = min(least, self._rivals.unseen.get(sensor, 0.0))
-        return least
+        return self._unseen_jumps.found(self._sensors.used.places, is_gap, any_step)
 
     def _may_exclude(self) -> bool:
         """Whether the others can go on without one of the sensors in use."""
         return self._sensors.used.sensors.count > self._limits.fewest_sensors
 
-    def _bad(
-        self,
-        sample: Sample,
-        tick: Tick,
-        symptoms: list[Symptom],
-    ) -> Verdict:
+    def _bad(self, sample: Sample, symptoms: list[Symptom]) -> Verdict:
         """
         Withhold a sample that is not consistent, unless others take over.
 
@@ -354,17 +309,21 @@ class Supervisor:
         while a fault is latched, a set has passed its trial in which one sensor replaces another.
         """
         sensors = self._sensors
-        self._rivals.withheld(sample)
-        sensors.try_others(sample, self._rivals.place_without, self._fresh)
+        self._follow_inconsistent(sample)
         sensor = self.latch.note_bad(sample, symptoms)
         if sensor is not None and self._may_exclude() and self._passes(sample, sensor):
             sensors.exclude(sensor)
-            return self._taken_over(sample, tick)
+            return self._taken_over(sample)
         if self.latch.fault is not None and sensors.exchange(sample.stamp):
-            return self._taken_over(sample, tick)
+            return self._taken_over(sample)
         self._exposure.interrupt()
         self.parts = self._unknown
         return self._withhold(worst(symptoms))
+
+    def _follow_inconsistent(self, sample: Sample) -> None:
+        """Follow the other hypotheses through a sample without an orientation."""
+        self._rivals.follow_inconsistent(sample)
+        self._sensors.try_others(sample, self._rivals.place_without)
 
     def _passes(self, sample: Sample, sensor: int) -> bool:
         """
@@ -377,7 +336,7 @@ class Supervisor:
             return False
         return sensor in self._sensors.passing(sample.stamp, self.latch.onset)
 
-    def _taken_over(self, sample: Sample, tick: Tick) -> Verdict:
+    def _taken_over(self, sample: Sample) -> Verdict:
         """
         Go on with other sensors, which have passed their trial with this sample.
 
@@ -386,15 +345,14 @@ class Supervisor:
         """
         self.latch.end()
         self._exposure.interrupt()
-        used = self._sensors.used
-        estimate = used.estimate
-        if estimate is None or used.worth is None:
+        estimate = self._sensors.used.estimate
+        if estimate is None:
             return self._withhold(withheld(Reason.UNDETERMINED, 'no orientation'))
-        self._rivals.accept(sample, estimate)
-        self.parts = self._rivals.follow(sample, used, estimate, self.alert_limit, self._fresh)
-        return self._consistent(sample, tick)
+        self._rivals.last = Place(sample.stamp, estimate.quaternion)
+        self.parts = self._rivals.follow(sample, self.alert_limit)
+        return self._consistent(sample)
 
-    def _consistent(self, sample: Sample, tick: Tick) -> Verdict:
+    def _consistent(self, sample: Sample) -> Verdict:
         """
         Publish the orientation of a consistent sample, or withhold it for its worth.
 
@@ -405,23 +363,21 @@ class Supervisor:
         worth = self._sensors.used.worth
         if estimate is None or worth is None or not estimate.determined:
             return self._undetermine(sample)
-        quaternion = self._continue(sample, estimate, worth.deviation)
-        stamp = sample.stamp
-        level = self._exposure.note_consistent(stamp, self.parts, self.alert_limit, worth.healthy)
-        symptom = self._watch_left_out(sample, quaternion)
+        here = self._continue(sample, estimate, worth.deviation)
+        self._exposure.note_consistent(sample.stamp, self.parts, self.alert_limit)
+        symptom = self._watch_left_out(sample, here)
         if symptom is not None:
-            return self._bad(sample, tick, [symptom])
-        if self.latch.fault is not None and not self._end_fault(stamp):
+            return self._bad(sample, [symptom])
+        if self.latch.fault is not None and not self._end_fault(sample.stamp):
             return self._withhold(self.latch.fault.symptom)
         self._sensors.end_trials()
-        cause = self._unworthy(stamp, worth.deviation, level)
+        level = protection_level(self.parts, self.alert_limit, worth.healthy)
+        cause = self._unworthy(sample.stamp, worth.deviation, level)
         if cause is None:
-            return self._publish(sample, estimate, quaternion, level)
-        return self._withhold_unworthy(stamp, cause)
+            return self._publish(sample, estimate, here.quaternion, level)
+        return self._withhold_unworthy(sample.stamp, cause)
 
-    def _continue(
-        self, sample: Sample, estimate: SampleEstimate, deviation: float
-    ) -> Quaternion[float]:
+    def _continue(self, sample: Sample, estimate: SampleEstimate, deviation: float) -> Place:
         """
         Let the next sample continue a consistent orientation; return it, continuous in sign.
 
@@ -429,11 +385,11 @@ class Supervisor:
         are no evidence of a fault.
         """
         self.latch.note_consistent()
-        quaternion = self._anchor.follow(sample.stamp, estimate.quaternion, deviation)
-        if self._anchor.stamp is None or deviation > self._limits.deviation:
+        here = self._anchor.follow(sample.stamp, estimate.quaternion, deviation)
+        if self._anchor.place is None or deviation > self._limits.deviation:
             self._undetermined = sample.stamp
-        self._rivals.accept(sample, estimate)
-        return quaternion
+        self._rivals.last = here
+        return here
 
     def _end_fault(self, stamp: int) -> bool:
         """End the latched fault if it is over with a consistent sample; return whether it is."""
@@ -450,21 +406,16 @@ class Supervisor:
             self.latch.latch(stamp, cause)
         return self._withhold(cause)
 
-    def _watch_left_out(self, sample: Sample, quaternion: Quaternion[float]) -> Symptom | None:
+    def _watch_left_out(self, sample: Sample, here: Place) -> Symptom | None:
         """
-        Note what the others see after a fault, and of the sensors that are left out.
+        Note what the others find after a fault, and about the sensors that are left out.
 
         Returns a symptom if a sensor that had come back to three others contradicts them again.
         """
-        has_fault = self.latch.fault is not None
-        has_left_out = bool(self._sensors.distrusted)
-        if not has_fault and not has_left_out:
-            return None
-        here = Place(sample.stamp, quaternion)
-        if has_fault:
-            parts = self._rivals.parts_since(here, self.latch.onset)
+        if self.latch.fault is not None:
+            parts = self._rivals.parts(here, self.latch.onset)
             self._exposure.note_after_fault(sample.stamp, parts, self.alert_limit)
-        if not has_left_out:
+        if not self._sensors.distrusted:
             return None
         return self._sensors.readmit(sample, here, self.alert_limit, self.joints.has_returned)
 
@@ -491,8 +442,7 @@ class Supervisor:
         self.latch.note_withheld()
         self._anchor.restart()
         self._exposure.interrupt()
-        self._rivals.withheld(sample)
-        self._sensors.try_others(sample, self._rivals.place_without, self._fresh)
+        self._follow_inconsistent(sample)
         self.parts = self._unknown
         detail = f'standard deviation above {DETERMINED_DEVIATION:g} rad'
         return self._withhold(withheld(Reason.UNDETERMINED, detail))
@@ -551,11 +501,11 @@ class Supervisor:
         on.
         """
         self._undetermined = None
-        self._hidden = self._exposure.all
         self._state.restart()
         self.latch.restart()
         self._sensors.restart()
         self._exposure.restart()
+        self._unseen_jumps.restart()
         self._anchor.restart()
         self._rivals.restart()
         self._clock.restart()

@@ -11,31 +11,13 @@ fails starts again; a set of three does not, because it always agrees.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.supervision.anchor import PRIOR_AGE, within
+from spm_haptic_master.kinematics.rotations import is_within
 from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
-from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.sample import Place, Sample
+from spm_haptic_master.supervision.sensor_set import SensorSet
 from spm_haptic_master.supervision.symptom import Severity, Symptom
-
-
-@dataclass(slots=True)
-class Place:
-    """
-    An orientation at a time.
-
-    Attributes
-    ----------
-    stamp : int
-        Time by the supervision's clock, ns.
-    quaternion : tuple of four float
-        x, y, z, w of R_base_platform.
-
-    """
-
-    stamp: int
-    quaternion: Quaternion[float]
 
 
 class Trial:
@@ -47,21 +29,23 @@ class Trial:
     sensor_set : SensorSet
         The set; its window restarts.
     place : Place or None
-        Where the platform was before the first sample, if what is left out is wrong.
+        Where the platform was before the first sample, if what is left out is wrong; None if that
+        is not known.
     since : int or None
         Stamp from which the set is known to agree, ns; None: from its first sample that does.
-        Three sensors always agree: without it, or once they do not continue, their trial fails.
+        Three sensors always agree: without a stamp, or once they do not continue, they fail.
 
     Attributes
     ----------
-    set : SensorSet
+    sensor_set : SensorSet
         The set, with its estimate of the latest sample.
     place : Place or None
         Where the platform was when the set last agreed; None if that is not known.
     has_failed : bool
-        Whether a sample contradicted it: until then its hypothesis stands.
+        Whether a sample contradicted its hypothesis.
     can_agree : bool
-        Whether samples can show that the set agrees. Three sensors cannot if the place is old.
+        Whether samples can show that the set agrees. Of three sensors only those can whose motion
+        was known shortly before, or whose place is not known at all.
 
     """
 
@@ -71,7 +55,7 @@ class Trial:
         place: Place | None,
         since: int | None,
     ) -> None:
-        self.set = sensor_set
+        self.sensor_set = sensor_set
         self.place = place
         # Stamp (ns) since when it has agreed in every sample, and their number.
         self._since = since
@@ -82,19 +66,15 @@ class Trial:
 
     def follow(self, sample: Sample, speed: float) -> bool:
         """
-        Take a sample; return whether the set agrees, and turned no faster than a human.
+        Solve a sample; return whether the set agrees, and turned no faster than a human.
 
-        The prior of the sample is that of this hypothesis, not the published orientation. `speed`
-        is the human motion limit of the rotation, rad/s.
+        The prior is the place of this hypothesis, not the published orientation. `speed` is the
+        human motion limit of the rotation, rad/s.
         """
         place = self.place
-        recent = place is not None and sample.stamp - place.stamp <= PRIOR_AGE
-        own = replace(
-            sample,
-            prior=place.quaternion if place is not None and recent else None,
-            followed=None if place is None else place.stamp,
-        )
-        symptom = self.set.solve(own)
+        is_recent = place is not None and place.selects(sample.stamp)
+        own = replace(sample, prior=place if is_recent else None)
+        symptom = self.sensor_set.solve(own)
         if symptom is not None or not self._continues(own, speed):
             self.has_failed |= self._is_contradicted(symptom)
             self._since = None
@@ -103,44 +83,49 @@ class Trial:
         if self._since is None:
             self._since = sample.stamp
         self._samples += 1
-        if self.set.estimate is not None:
-            self.place = Place(sample.stamp, self.set.estimate.quaternion)
+        if self.sensor_set.estimate is not None:
+            self.place = Place(sample.stamp, self.sensor_set.estimate.quaternion)
         return True
 
     def _is_contradicted(self, symptom: Symptom | None) -> bool:
         """
         Whether a sample with which the set does not go on contradicts its hypothesis.
 
-        Not one that determines no orientation, as where two solutions meet; nor any of three
-        sensors of which no motion is known that could go on.
+        One that determines no orientation does not, as where two solutions meet; nor does any
+        sample of three sensors without a known motion.
         """
-        if not self.set.entries and self._since is None:
+        if self._is_motion_unknown:
             return False
         if symptom is not None:
             return symptom.severity is not Severity.WITHHOLD
-        estimate = self.set.estimate
+        estimate = self.sensor_set.estimate
         return estimate is not None and estimate.determined
+
+    @property
+    def _is_motion_unknown(self) -> bool:
+        """Whether three sensors are on trial without a motion that the next sample continues."""
+        return not self.sensor_set.entries and self._since is None
 
     def _continues(self, sample: Sample, speed: float) -> bool:
         """Whether a sample continues the trial: determined, and in reach of `place`."""
-        estimate = self.set.estimate
-        worth = self.set.worth
+        estimate = self.sensor_set.estimate
+        worth = self.sensor_set.worth
         place = self.place
         if estimate is None or worth is None or not estimate.determined:
             return False
-        if not self.set.entries and self._since is None:
+        if self._is_motion_unknown:
             return False
         if place is None:
             return True
         # The place may be by other sensors, with other noise and bias.
-        turn = speed * sample.since(place.stamp) + 2.0 * worth.healthy
-        return within(estimate.quaternion, place.quaternion, turn)
+        turn = speed * sample.time_since(place.stamp) + 2.0 * worth.healthy
+        return is_within(estimate.quaternion, place.quaternion, turn)
 
     def passes(self, stamp: int, onset: int, time: float) -> bool:
         """
-        Whether it has agreed ever since the fault began (`onset`, ns), or for a time (s).
+        Whether the set has agreed since before the fault began (`onset`, ns), or for a time (s).
 
-        What agreed before the fault, and goes on through it, needs no window of its own.
+        The time has `WINDOW_SAMPLES` samples at least.
         """
         since = self._since
         if since is None:

@@ -7,6 +7,7 @@ from math import cos, degrees, radians, sin
 
 import pytest
 from spm_haptic_master.supervision.anchor import Anchor
+from spm_haptic_master.supervision.sample import Sample
 from spm_haptic_master.supervision.symptom import Reason
 
 MS = 1_000_000
@@ -21,6 +22,19 @@ def turned(angle):
     """Return the quaternion of a rotation about a fixed axis by deg."""
     half = 0.5 * radians(angle)
     return (0.6 * sin(half), 0.0, 0.8 * sin(half), cos(half))
+
+
+def discontinuity(anchor, stamp, quaternion):
+    """Return the symptom of an orientation that comes at a stamp, ns."""
+    sample = Sample(
+        stamp=stamp,
+        angles=(),
+        prior=anchor.prior(stamp),
+        bias=(),
+        factors=(),
+        period=1e-3,
+    )
+    return anchor.discontinuity(sample, quaternion, DEVIATION)
 
 
 def after(*angles):
@@ -43,8 +57,8 @@ def test_a_quaternion_never_changes_its_sign():
         if index % 7 == 6:
             anchor.restart()
         found = turned(angle % 360 if index % 2 else angle % 360 - 360)
-        assert anchor.check(index * MS, 1e-3, found, DEVIATION) is None
-        quaternion = anchor.follow(index * MS, found, DEVIATION)
+        assert discontinuity(anchor, index * MS, found) is None
+        quaternion = anchor.follow(index * MS, found, DEVIATION).quaternion
         assert quaternion in (found, tuple(-each for each in found))
         if last is not None:
             assert sum(one * other for one, other in zip(quaternion, last, strict=True)) > 0.9
@@ -59,7 +73,7 @@ def test_a_turn_faster_than_a_human_does_not_continue_the_motion(sign, after_ms)
     for factor, continues in ((0.99, True), (1.01, False)):
         anchor, now = after(30.0)
         moved = turned(30.0 + sign * factor * degrees(reach))
-        symptom = anchor.check(now + after_ms * MS, 1e-3, moved, DEVIATION)
+        symptom = discontinuity(anchor, now + after_ms * MS, moved)
         assert (symptom is None) == continues
     assert symptom.reason is Reason.DISCONTINUOUS
     assert f'limit {reach:.3f}' in symptom.detail

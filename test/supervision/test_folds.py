@@ -15,7 +15,9 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_from_quaternion,
 )
 from spm_haptic_master.supervision.folds import Folds
-from spm_haptic_master.supervision.sensor_set import Sample, SensorSet, Solver
+from spm_haptic_master.supervision.sample import Place, Sample
+from spm_haptic_master.supervision.sensor_set import SensorSet
+from spm_haptic_master.supervision.solver import Solver
 
 LIMITS = product_limits()
 SIGMA = (np.radians(0.04),) * 4
@@ -34,8 +36,7 @@ def judged(sensor_set, quaternion, stamp):
     sample = Sample(
         stamp=stamp,
         angles=angles,
-        prior=quaternion,
-        followed=stamp - 500_000,
+        prior=Place(stamp - 500_000, quaternion),
         bias=LIMITS.bias,
         factors=(1.0,) * 4,
         parity_bias=LIMITS.parity_bias,

@@ -40,7 +40,7 @@ def latched(stamp):
 
 def clears(latch, stamp):
     """Return whether a consistent sample ends the fault; the others have checked no sensor."""
-    return latch.clears(SimpleNamespace(has_seen=lambda sensor, since: False), stamp)
+    return latch.clears(SimpleNamespace(is_cleared=lambda sensor, since: False), stamp)
 
 
 def test_an_acknowledgement_does_not_end_what_came_after_it():
@@ -181,7 +181,7 @@ def test_a_window_of_checks_is_as_many_samples_as_that_of_the_parity(period):
     exposure = Exposure(4, 0.02)
     for sample in range(12):
         stamp = SECOND + sample * period
-        exposure.note_consistent(stamp, [0.001] * 4, 0.01, 0.001)
+        exposure.note_consistent(stamp, [0.001] * 4, 0.01)
         is_checked = exposure.times(stamp) == (0.0,) * 4
         assert is_checked == (sample + 1 >= WINDOW_SAMPLES)
 
@@ -271,9 +271,9 @@ def test_the_level_has_the_largest_bias_that_the_mean_test_allows():
     for sample in range(20):
         bias = 3.0 if sample < 15 else 1.0
         # As large as the test lets pass.
-        assert window.check(sample * 1_000_000, (3.5,), 1.0, bias) is None
+        assert window.test(sample * 1_000_000, (3.5,), 1.0, bias) is None
     worth = Integrity(0.0, 0.0, 1.0, 1.0, (1.0,))
     assert window.mean_bias == pytest.approx(2.5)
-    (level,) = worth.levels(6.9 / np.sqrt(20.0), window.mean_bias)
+    (level,) = worth.parts(6.9 / np.sqrt(20.0), window.mean_bias)
     # A fault of this much parity passes the test while the others' biases oppose it.
     assert level >= 6.9 / np.sqrt(20.0) + 2.0 * 2.5

@@ -31,7 +31,7 @@ def direction(entries, seed=1):
 def check(parities, vectors, noise=1.0, bias=BIAS, step=MS, first=0):
     """Return the symptoms of parity vectors, one a sample."""
     return [
-        parities.check(first + index * step, tuple(vector), noise, bias)
+        parities.test(first + index * step, tuple(vector), noise, bias)
         for index, vector in enumerate(np.atleast_2d(vectors).tolist())
     ]
 
@@ -62,7 +62,7 @@ def test_a_drift_is_found_by_the_mean_of_the_window(entries):
             (each.reason, each.severity) == (Reason.DRIFTED, Severity.LATCH) for each in drifted
         )
     # The limit of evidence is that of the test.
-    assert window(entries).limit(1.0, BIAS, 21.0) == pytest.approx(THRESHOLD / sqrt(21.0) + BIAS)
+    assert window(entries).limit(1.0, BIAS, 21) == pytest.approx(THRESHOLD / sqrt(21.0) + BIAS)
 
 
 @ENTRIES
@@ -125,7 +125,7 @@ def test_the_variance_of_the_entries_is_measured_and_outlasts_a_restart(entries,
     vectors = noise * np.random.default_rng(2).normal(size=(4000, entries))
     variances = []
     for index, vector in enumerate(vectors.tolist()):
-        parities.check(index * MS, tuple(vector), noise, BIAS)
+        parities.test(index * MS, tuple(vector), noise, BIAS)
         variances.append(parities.variance)
     assert np.mean(variances[1000:]) == pytest.approx(noise**2, rel=0.1)
     parities.restart()

@@ -71,7 +71,7 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
     healthy = MISSED_DETECTION * worth.deviation + turns @ moved
     assert worth.healthy == pytest.approx(healthy, rel=1e-6)
     levels = slopes * (REACH * worth.noise + 2.0 * worth.bias) + worth.healthy
-    np.testing.assert_allclose(worth.levels(REACH), levels)
+    np.testing.assert_allclose(worth.parts(REACH), levels)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def largest_error_over_level(sensors, bias, sigma, alert, pose):
         (1.0,) * sensors,
     )
     threshold = product_limits().threshold(sensors - 3)
-    parts = np.array(worth.levels((threshold + MISSED_DETECTION) / sqrt(20.0)))
+    parts = np.array(worth.parts((threshold + MISSED_DETECTION) / sqrt(20.0)))
     level = max([*parts[parts <= alert], worth.healthy])
     limit = threshold / sqrt(20.0) + worth.bias
     # Orientation and parity by each reading; rad / rad, and standard deviations / rad.

@@ -13,7 +13,7 @@ from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.sensor_set import Solver, total_deviation
+from spm_haptic_master.supervision.solver import Solver, total_deviation
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 SIGMA = (radians(0.04),) * 4
@@ -22,9 +22,14 @@ FOUR = kinematics.UsedSensors(SIGMA)
 MIRRORED = tuple(np.radians([166.55321231] * 3 + [125.15989244]).tolist())
 
 
+def solver(working_mode):
+    """Return the solver of the paper's mechanism with encoders without bias."""
+    return Solver(kinematics.Geometry(), SIGMA, working_mode, (0.0,) * 4)
+
+
 def solved(angles, prior=None):
     """Return the solution of all four sensors."""
-    return Solver(kinematics.Geometry(), SIGMA).solve(tuple(angles), FOUR, prior)
+    return solver((1, 1, 1)).solve(tuple(angles), FOUR, prior)
 
 
 def pose(phi, tilt=0.0, azimuth=0.0):
@@ -73,7 +78,7 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
 def test_angles_of_another_working_mode_are_no_orientation():
     with pytest.raises(SingularityError, match='another working mode'):
         solved(MIRRORED)
-    mirrored = Solver(kinematics.Geometry(), SIGMA, working_mode=(-1, -1, -1))
+    mirrored = solver((-1, -1, -1))
     assert mirrored.solve(MIRRORED, FOUR, None).determined
     for changed, expected in (({}, 0), ({'working_mode': (-1, -1, -1)}, 16)):
         supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, changed))

@@ -40,8 +40,8 @@ def test_nor_those_of_a_joint_that_the_parity_does_not_see():
     """It vibrates if any other joint does."""
     supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, {}))
     play(supervisor, vibrating())
-    supervisor.joints.follow_noise(lambda: [1.0, 1.0, 1.0, inf])
+    supervisor.joints.follow_noise([1.0, 1.0, 1.0, inf])
     assert supervisor.joints.factors == (1.0,) * 4
     # Alone it is noise: the limits allow for it.
-    supervisor.joints.follow_noise(lambda: [inf, inf, inf, inf])
+    supervisor.joints.follow_noise([inf, inf, inf, inf])
     assert min(supervisor.joints.factors) > 1.25
