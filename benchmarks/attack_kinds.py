@@ -11,10 +11,11 @@ reads as at another orientation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-from benchmarks.attack_device import turns
+from benchmarks.attack_device import turns, wrapped
 from benchmarks.attack_scene import (
     Case,
     Choices,
@@ -167,8 +168,6 @@ def glitch_then_drift(choices: Choices) -> Case:
     other = (sensor + 1 + int(choices.number('other') * (scene.sensors - 1))) % scene.sensors
     glitch = np.radians(choices.between('glitch size', -30.0, 30.0))
     count = choices.one_of('glitch length', (1, 1, 2, 3))
-    start = int(np.searchsorted(times, 0.0))
-    angles[start : start + count, other] += glitch
     begin = choices.scaled('wait', 0.002, 0.3)
     speed = choices.sign('direction') * np.radians(choices.scaled('drift', 0.5, 200.0))
     angles[:, sensor] += speed * np.maximum(times - begin, 0.0)
@@ -176,7 +175,11 @@ def glitch_then_drift(choices: Choices) -> Case:
         f'{count} wrong samples of {named([other])}, {1e3 * begin:.0f} ms later '
         f'{named([sensor])} drifts by {degrees_text(speed)}/s'
     )
-    return scene.case(rotations, times, angles, (sensor,), words)
+    drift = scene.case(rotations, times, angles, (sensor,), words)
+    start = int(np.searchsorted(times, 0.0))
+    readings = drift.readings.copy()
+    readings[start : start + count, other] += glitch
+    return replace(drift, readings=wrapped(readings), without_first=drift.readings)
 
 
 def power_on_with_five(choices: Choices) -> Case:

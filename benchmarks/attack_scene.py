@@ -11,7 +11,7 @@ varies.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from benchmarks.attack_device import Device, RIG_MODE, turns, wrapped
@@ -122,6 +122,8 @@ class Case:
         The fault, in words.
     latched : bool
         Whether an error counts only if nothing was published before `first`.
+    without_first : ndarray, shape (n, N), or None
+        Readings without a first fault, that of a sensor which is not `faulty`, rad.
 
     """
 
@@ -135,17 +137,18 @@ class Case:
     settings: dict[str, Any]
     words: str
     latched: bool = False
+    without_first: Array | None = None
 
 
 def thinned(case: Case, kept: Array) -> Case:
     """Return a case with some samples only."""
-    return Case(
-        **{
-            name: getattr(case, name)[kept]
-            if name in ('rotations', 'stamps', 'readings')
-            else getattr(case, name)
-            for name in Case.__dataclass_fields__
-        }
+    first = case.without_first
+    return replace(
+        case,
+        rotations=case.rotations[kept],
+        stamps=case.stamps[kept],
+        readings=case.readings[kept],
+        without_first=None if first is None else first[kept],
     )
 
 

@@ -30,7 +30,7 @@ from benchmarks.attack_scene import Case, Choices, Impossible
 from benchmarks.integrity_records import Runner, Store
 import numpy as np
 from paper.verdicts import COLUMN
-from spm_haptic_master.supervision import supervise
+from spm_haptic_master.supervision import supervise, Supervised
 
 Array = Any
 
@@ -109,33 +109,54 @@ def degraded_samples(states: list[tuple[int, str]], n: int) -> Array:
     return flags
 
 
+def checked_samples(case: Case, result: Supervised) -> Array:
+    """Return at which samples one of the faulty sensors is checked."""
+    return (result.unchecked[:, list(case.faulty)] == 0.0).any(axis=1)
+
+
+def promised(case: Case, result: Supervised) -> tuple[Array, Array]:
+    """
+    Return what is promised of each sample: its level (deg), and whether its bound holds instead.
+
+    The bound holds while no faulty sensor is checked. While a sensor is left out the level holds:
+    the faulty one has to be out. If the one left out was faulty before, the promise is that of the
+    readings without that first fault, which must cost no protection against the second.
+    """
+    level = result.protection_level
+    if not case.faulty:
+        return level, np.zeros(len(case.stamps), bool)
+    unchecked = ~checked_samples(case, result)
+    degraded = degraded_samples(result.state, len(case.stamps))
+    if case.without_first is None:
+        return level, unchecked & ~degraded
+    alone = supervise(case.stamps, case.without_first, **case.settings)
+    both = degraded & alone.published
+    level = np.where(both, np.fmax(level, alone.protection_level), level)
+    return level, unchecked & (~degraded | (both & ~checked_samples(case, alone)))
+
+
 def score(case: Case) -> Score:
     """Return how wrong a case is."""
     result = supervise(case.stamps, case.readings, **case.settings)
     n = len(case.stamps)
     error = np.degrees(angle_between(matrices(result.quaternion), case.rotations))
     error = np.where(result.published, error, 0.0)
-    faulty = list(case.faulty)
-    checked = (result.unchecked[:, faulty] == 0.0).any(axis=1)
-    # Without a sensor nothing that is published is declared: the faulty one has to be out.
-    declared = ~checked & ~degraded_samples(result.state, n)
-    if not faulty:
-        declared = np.zeros(n, bool)
+    level, is_declared = promised(case, result)
     counts = result.published & (np.arange(n) >= case.first)
     before = slice(max(0, case.first - 2 * case.window), max(0, case.first - case.window))
     if case.latched and result.published[before].any():
         counts[:] = False
     with np.errstate(invalid='ignore', divide='ignore'):
-        level = np.where(counts & ~declared, error / result.protection_level, 0.0)
-        smallest = result.bounds[:, faulty].max(axis=1, initial=0.0)
-        bound = np.where(counts & declared, error / smallest, 0.0)
-    level = np.nan_to_num(level, posinf=0.0)
-    bound = np.nan_to_num(bound, posinf=0.0)
-    wrong = np.maximum(level, bound) > 1.0
+        over_level = np.where(counts & ~is_declared, error / level, 0.0)
+        smallest = result.bounds[:, list(case.faulty)].max(axis=1, initial=0.0)
+        over_bound = np.where(counts & is_declared, error / smallest, 0.0)
+    over_level = np.nan_to_num(over_level, posinf=0.0)
+    over_bound = np.nan_to_num(over_bound, posinf=0.0)
+    wrong = np.maximum(over_level, over_bound) > 1.0
     return Score(
-        held(level, case.window),
-        held(bound, case.window),
-        float(max(level.max(initial=0.0), bound.max(initial=0.0))),
+        held(over_level, case.window),
+        held(over_bound, case.window),
+        float(max(over_level.max(initial=0.0), over_bound.max(initial=0.0))),
         float(error[wrong].max(initial=0.0)),
     )
 

@@ -12,6 +12,7 @@ from mechanism import random_rotations
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
+from spm_haptic_master.supervision import Supervised
 
 PAPER = tuple(np.radians([39.3, 34.1, 18.2]).tolist())
 
@@ -99,6 +100,39 @@ def test_a_declared_sensor_is_held_to_its_bound(monkeypatch):
     found = score(case)
     assert found.level == 0.0
     assert found.bound > 1.0
+
+
+def supervised(case, state, published=True, unchecked=0.0, level=0.1):
+    """Return a made-up result of four sensors: each sample at rest, at the base frame."""
+    n = len(case.stamps)
+    return Supervised(
+        published=np.full(n, published),
+        quaternion=np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
+        covariance=np.zeros((n, 3, 3)),
+        protection_level=np.full(n, level),
+        unchecked=np.full((n, 4), unchecked),
+        bounds=np.full((n, 4), np.inf),
+        state=[(0, state)],
+    )
+
+
+@pytest.mark.parametrize(
+    ('alone', 'is_violation'),
+    [
+        pytest.param({'unchecked': np.inf}, False, id='goes out unchecked without the first'),
+        pytest.param({'level': 3.0}, False, id='is within its level without the first'),
+        pytest.param({'level': 0.5}, True, id='is beyond its level without the first'),
+        pytest.param({'published': False}, True, id='is silent without the first'),
+    ],
+)
+def test_a_first_fault_may_cost_no_protection_against_the_second(monkeypatch, alone, is_violation):
+    case = first_case('glitch of one, drift of another')
+    turn = workspace_pose(0.0, 0.0, np.radians(1.0))
+    case.rotations[:] = turn @ workspace_pose(0.0, 0.0, 0.0).T
+    with_both = supervised(case, 'degraded: joint_1a excluded', unchecked=1.0)
+    results = iter([with_both, supervised(case, 'healthy', **alone)])
+    monkeypatch.setattr(integrity_attack, 'supervise', lambda *args, **parameters: next(results))
+    assert (score(case).level > 1.0) is is_violation
 
 
 @pytest.mark.slow
