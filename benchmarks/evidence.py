@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import date
 import json
+import os
 from pathlib import Path
 import re
 import subprocess
@@ -169,13 +170,26 @@ def section_text(section: Section, measurements: Sequence[Measurement]) -> str:
     return '\n\n'.join(parts) + '\n'
 
 
+def own_environment() -> dict[str, str]:
+    """Return the environment without what `make evidence ARGS=...` hands to a make within it."""
+    of_make = 'ARGS', 'MAKEFLAGS', 'MAKEOVERRIDES', 'MFLAGS'
+    return {name: value for name, value in os.environ.items() if name not in of_make}
+
+
 def run(command: str) -> str:
     """Run a command of the page; return its output; SystemExit if it fails."""
     words = (
         command.replace('python ', f'{sys.executable} ', 1) if command[:6] == 'python' else command
     )
     print(f'evidence: {command}', file=sys.stderr, flush=True)
-    done = subprocess.run(words, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    done = subprocess.run(
+        words,
+        shell=True,
+        cwd=ROOT,
+        env=own_environment(),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     print(done.stdout, flush=True)
     if done.returncode:
         raise SystemExit(f'evidence: {command}: exit code {done.returncode}; nothing was written')

@@ -3,7 +3,10 @@
 
 """The page of evidence: what its commands print, with day and machine."""
 
+import os
 import re
+import subprocess
+import sys
 
 from benchmarks import evidence
 from benchmarks.evidence import Measurer, Section, SECTIONS
@@ -66,3 +69,17 @@ def test_every_command_of_the_page_exists():
             module = command.split()[2]
             path = next((word for word in command.split() if word.startswith('test')), None)
             assert (ROOT / (path or module.replace('.', '/') + '.py')).exists(), command
+
+
+def test_a_make_within_make_gets_no_arguments_of_the_outer_one(tmp_path):
+    """`make evidence ARGS=--write` is not `make bench-pipeline ARGS=--write`."""
+    makefile = tmp_path / 'Makefile'
+    inner = f'make -s -f {makefile} inner'
+    command = f'from benchmarks.evidence import run; run({inner!r})'
+    makefile.write_text(
+        f'outer:\n\t{sys.executable} -c "{command}"\ninner:\n\t@echo "<$(ARGS)>"\n'
+    )
+    outer = ['make', '-f', str(makefile), 'outer', 'ARGS=--write']
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    printed = subprocess.run(outer, env=environment, cwd=ROOT, capture_output=True, text=True)
+    assert '<>' in printed.stdout, printed
