@@ -119,8 +119,9 @@ def promised(case: Case, result: Supervised) -> tuple[Array, Array]:
     Return what is promised of each sample: its level (deg), and whether its bound holds instead.
 
     The bound holds while no faulty sensor is checked. While a sensor is left out the level holds:
-    the faulty one has to be out. If the one left out was faulty before, the promise is that of the
-    readings without that first fault, which must cost no protection against the second.
+    the faulty one has to be out. If the one left out was faulty before, four or five sensors go on
+    as ever; three, which nothing checks, have the promise of the readings without that first
+    fault: it must cost no protection against the second.
     """
     level = result.protection_level
     if not case.faulty:
@@ -129,6 +130,8 @@ def promised(case: Case, result: Supervised) -> tuple[Array, Array]:
     degraded = degraded_samples(result.state, len(case.stamps))
     if case.without_first is None:
         return level, unchecked & ~degraded
+    if case.readings.shape[1] > 4:
+        return level, unchecked
     alone = supervise(case.stamps, case.without_first, **case.settings)
     both = degraded & alone.published
     level = np.where(both, np.fmax(level, alone.protection_level), level)
