@@ -23,11 +23,10 @@ STATUS = {
 
 def rig(sensors, layout=None, **overrides):
     """Return a decoder of N encoders, and their layouts."""
-    taker = decoder(
-        sensors=sensors,
-        **overrides,
-        **{name: (value,) * sensors for name, value in (layout or {}).items()},
-    )
+    of_each = {}
+    for name, value in (layout or {}).items():
+        of_each[name] = (value,) * sensors
+    taker = decoder(sensors=sensors, **overrides, **of_each)
     return taker, taker.layouts
 
 
@@ -40,15 +39,30 @@ def frame(layouts, index, number, sampled=None):
     """Return an answer that comes in a cycle, of the angle sampled in that one or another."""
     sampled = number if sampled is None else sampled
     data = layouts[index].data(angle(index, sampled), sampled)
-    return answer(index, T0 + PERIOD * number + 8e-5 * (index + 1), layouts=layouts, data=data)
+    stamp = T0 + PERIOD * number + 8e-5 * (index + 1)
+    return answer(index, stamp, layouts=layouts, data=data)
 
 
 def cycle(layouts, number, without=()):
     """Return SYNC and the answers of a cycle."""
-    return [
-        sync(T0 + PERIOD * number),
-        *(frame(layouts, index, number) for index in range(len(layouts)) if index not in without),
-    ]
+    frames = [sync(T0 + PERIOD * number)]
+    for index in range(len(layouts)):
+        if index not in without:
+            frames.append(frame(layouts, index, number))
+    return frames
+
+
+def stream_of(layouts, numbers, gone=(), when=()):
+    """Return the frames of cycles; in those of `when` the joints of `gone` do not answer."""
+    frames = []
+    for number in numbers:
+        frames += cycle(layouts, number, gone if number in when else ())
+    return frames
+
+
+def sets_of(numbers, gone=(), when=()):
+    """Return what `by_cycle` finds of cycles: in those of `when` without the joints of `gone`."""
+    return {number: set(gone) if number in when else set() for number in numbers}
 
 
 def by_cycle(samples, mixed=-1):
@@ -58,9 +72,10 @@ def by_cycle(samples, mixed=-1):
         number = round((sample.stamp * 1e-9 - T0) / PERIOD - 0.05)
         assert number not in found
         assert number >= max(found, default=0)
+        found[number] = set()
         for index, reading in enumerate(sample.angles):
-            assert (
-                isnan(reading) or number <= mixed or abs(reading - angle(index, number)) < COUNT
-            ), (number, index)
-        found[number] = {i for i, reading in enumerate(sample.angles) if isnan(reading)}
+            if isnan(reading):
+                found[number].add(index)
+            elif number > mixed:
+                assert abs(reading - angle(index, number)) < COUNT, (number, index)
     return found
