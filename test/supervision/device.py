@@ -35,27 +35,47 @@ def motion_at(kind: str, t: np.ndarray) -> np.ndarray:
     def swing(amplitude, hertz):
         return amplitude * np.sin(2.0 * np.pi * hertz * t)
 
+    def to_one(seconds):
+        return np.minimum(t / seconds, 1.0)
+
+    after_rest = np.maximum(t - 1.2, 0.0)
     tilt, azimuth, phi = {
         'rest': (zero, zero, zero + 20.0),
         'singular': (zero, zero, zero + SINGULAR),
         'crossing': (zero, zero, 45.0 + swing(10.0, 0.05)),
         'through': (zero, zero, 42.0 + 7.0 * np.cos(0.5 * np.pi * t)),
         'turning': (zero, zero, 20.0 + swing(10.0, 0.5)),
-        'rim': (zero + 18.0, 200.0 + swing(40.0, 0.16), 25.0 + swing(5.0, 0.32)),
-        'tremor': (8.0 + swing(0.05, 10.0), 30.0 + swing(1.0, 9.0), 30.0 + swing(0.06, 11.0)),
-        'sweep': (8.0 * (1.0 - np.cos(0.9 * t)), 72.0 * t, 42.0 + swing(40.0, 0.08)),
-        'fast': (6.0 + swing(2.0, 3.0), 90.0 + swing(20.0, 2.0), 30.0 + swing(20.0, 4.5)),
+        'rim': (
+            zero + 18.0,
+            200.0 + swing(40.0, 0.16),
+            25.0 + swing(5.0, 0.32),
+        ),
+        'tremor': (
+            8.0 + swing(0.05, 10.0),
+            30.0 + swing(1.0, 9.0),
+            30.0 + swing(0.06, 11.0),
+        ),
+        'sweep': (
+            8.0 * (1.0 - np.cos(0.9 * t)),
+            72.0 * t,
+            42.0 + swing(40.0, 0.08),
+        ),
+        'fast': (
+            6.0 + swing(2.0, 3.0),
+            90.0 + swing(20.0, 2.0),
+            30.0 + swing(20.0, 4.5),
+        ),
         # To and fro once, which confirms the solution, then at rest.
-        'resting': (zero, zero, 20.0 + 8.0 * np.sin(np.pi * np.minimum(t / 0.4, 1.0))),
+        'resting': (zero, zero, 20.0 + 8.0 * np.sin(np.pi * to_one(0.4))),
         # To the singularity, which confirms the solution, then at rest there.
         'to singular': (
             zero,
             zero,
-            SINGULAR - 10.0 * np.cos(0.5 * np.pi * np.minimum(t / 0.5, 1.0)) ** 2,
+            SINGULAR - 10.0 * np.cos(0.5 * np.pi * to_one(0.5)) ** 2,
         ),
         # To and fro after 1.2 s of rest, which teach the noise.
-        'taught': (zero, zero, 20.0 + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
-        'taught singular': (zero, zero, SINGULAR + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
+        'taught': (zero, zero, 20.0 + 6.0 * np.sin(np.pi * after_rest)),
+        'taught singular': (zero, zero, SINGULAR + 6.0 * np.sin(np.pi * after_rest)),
         'near singular': (zero, zero, SINGULAR + swing(2.0, 0.5)),
     }[kind]
     return kinematics.workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
@@ -64,15 +84,17 @@ def motion_at(kind: str, t: np.ndarray) -> np.ndarray:
 def about(pose: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Return the orientations of a pose that is turned about an axis by angles, rad, (n, 3, 3)."""
     half = 0.5 * angles[:, None]
-    quaternions = np.hstack([axis / np.linalg.norm(axis) * np.sin(half), np.cos(half)])
+    direction = axis / np.linalg.norm(axis)
+    quaternions = np.hstack([direction * np.sin(half), np.cos(half)])
     return kinematics.matrix_from_quaternion(quaternions) @ pose
 
 
 def random_pose(rng: np.random.Generator) -> np.ndarray:
     """Return a pose of the inner workspace."""
-    return kinematics.workspace_pose(
-        *np.radians([rng.uniform(0.0, 12.0), rng.uniform(0.0, 360.0), rng.uniform(5.0, 60.0)])
-    )
+    tilt = rng.uniform(0.0, 12.0)
+    azimuth = rng.uniform(0.0, 360.0)
+    phi = rng.uniform(5.0, 60.0)
+    return kinematics.workspace_pose(*np.radians([tilt, azimuth, phi]))
 
 
 def end_stop(speed: float, contact: float) -> np.ndarray:
@@ -96,13 +118,15 @@ def end_stop(speed: float, contact: float) -> np.ndarray:
         * ((phase >= 0.0) & (phase < 1.0))
     )
     push += HAND * ((phase >= 1.0) & (time < hit + contact + down))
-    return (np.cumsum(np.cumsum(push)) * step * step)[:: round(1e-3 / step)]
+    angle = np.cumsum(np.cumsum(push)) * step * step
+    return angle[:: round(1e-3 / step)]
 
 
 def vibration(hertz: float, seconds: float = 2.0) -> np.ndarray:
     """Return the angle, rad, of a vibration of 0.2 deg that begins after 0.2 s, at 1 kHz."""
     time = np.arange(round(1000.0 * seconds)) * 1e-3
-    return np.radians(0.2) * np.sin(2.0 * np.pi * hertz * time) * (time >= 0.2)
+    has_begun = time >= 0.2
+    return np.radians(0.2) * np.sin(2.0 * np.pi * hertz * time) * has_begun
 
 
 def disturbance(kind: str, seed: int) -> np.ndarray:
@@ -121,21 +145,32 @@ def disturbance(kind: str, seed: int) -> np.ndarray:
 def joint_angles(rotations: np.ndarray, sensors: int = 4) -> np.ndarray:
     """Return the true th1A, th1B, th1C, th3A, and th3B and th3C if asked, rad, (n, sensors)."""
     joints = kinematics.inverse(rotations)
-    return np.column_stack([joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])[
-        :, :sensors
-    ]
+    every = (
+        joints.theta1,
+        joints.theta3a,
+        joints.theta3b,
+        joints.theta3c,
+    )
+    return np.column_stack(every)[:, :sensors]
 
 
-def encoders(angles: np.ndarray, noise: float = 0.04, bits: int = 14, seed: int = 1) -> np.ndarray:
+def encoders(
+    angles: np.ndarray,
+    noise: float = 0.04,
+    bits: int = 14,
+    seed: int = 1,
+) -> np.ndarray:
     """Return readings, rad: noise (1 sigma, deg) and quantisation on the angles."""
     rng = np.random.default_rng(seed)
     count = 2.0 * np.pi / 2**bits
-    return np.round((angles + np.radians(noise) * rng.normal(size=angles.shape)) / count) * count
+    noisy = angles + np.radians(noise) * rng.normal(size=angles.shape)
+    return np.round(noisy / count) * count
 
 
 def stamps(n: int, rate: float = 1000.0) -> np.ndarray:
     """Return the stamps of a regular sampling, ns."""
-    return 1_000_000_000 + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+    since_begin = np.round(np.arange(n) * 1e9 / rate)
+    return 1_000_000_000 + since_begin.astype(np.int64)
 
 
 def paused(n: int, *pauses: tuple[int, int]) -> np.ndarray:
@@ -178,9 +213,9 @@ def noisy(first: int, sensor: int, degrees: float):
     """Return a fault of readings: a sensor has noise from a sample on (1 sigma)."""
 
     def change(readings):
-        readings[first:, sensor] += np.radians(degrees) * np.random.default_rng(3).normal(
-            size=len(readings) - first
-        )
+        rng = np.random.default_rng(3)
+        noise = rng.normal(size=len(readings) - first)
+        readings[first:, sensor] += np.radians(degrees) * noise
 
     return change
 
@@ -210,7 +245,8 @@ def errors(result, rotations: np.ndarray) -> np.ndarray:
 
 def longest(wrong: np.ndarray) -> int:
     """Return the most samples in a row for which something is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+    padded = np.concatenate([[0], wrong, [0]])
+    edges = np.flatnonzero(np.diff(padded))
     return max(edges[1::2] - edges[::2], default=0)
 
 
@@ -229,13 +265,14 @@ class Outcome:
     @property
     def healthy_throughout(self) -> bool:
         """Whether every sample behind the start is published, as healthy."""
-        return bool(self.published[4:].all()) and self.states == ['starting', 'healthy']
+        is_healthy = self.states == ['starting', 'healthy']
+        return is_healthy and bool(self.published[4:].all())
 
     def longest_undeclared(self, sensor: int, rate: float = 1000.0) -> float:
         """Return the longest time, s, off by more than the level with the sensor checked."""
-        return (
-            longest((self.error > self.level) & (self.result.unchecked[:, sensor] == 0.0)) / rate
-        )
+        is_wrong = self.error > self.level
+        is_checked = self.result.unchecked[:, sensor] == 0.0
+        return longest(is_wrong & is_checked) / rate
 
     def longest_silence(self, first: int = 100) -> int:
         """Return the most samples in a row without an orientation."""

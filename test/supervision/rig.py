@@ -29,14 +29,15 @@ def few(*axes, count=None, others=pytest.mark.slow):
     Quick is a diagonal on which each value occurs, or the first `count` cases of it.
     """
     sizes = [len(values) for values in axes]
-    quick = {tuple(index % size for size in sizes) for index in range(count or max(sizes))}
-    return [
-        pytest.param(
-            *(values[place] for values, place in zip(axes, places, strict=True)),
-            marks=() if places in quick else others,
-        )
-        for places in product(*map(range, sizes))
-    ]
+    quick = set()
+    for index in range(count or max(sizes)):
+        quick.add(tuple(index % size for size in sizes))
+    cases = []
+    for places in product(*map(range, sizes)):
+        values = [axis[place] for axis, place in zip(axes, places, strict=True)]
+        marks = () if places in quick else others
+        cases.append(pytest.param(*values, marks=marks))
+    return cases
 
 
 def product_limits(**changed) -> Limits:
@@ -58,9 +59,14 @@ class Rig:
         self.sensors = sensors
         self.now = 1000 * MS
         self._rng = np.random.default_rng(1)
-        turn = np.concatenate([8.0 * np.sin(np.linspace(0.0, np.pi, 200)) ** 2, np.zeros(50)])
+        to_and_fro = 8.0 * np.sin(np.linspace(0.0, np.pi, 200)) ** 2
+        turn = np.radians(np.concatenate([to_and_fro, np.zeros(50)]))
         tilt, azimuth, phi = np.radians(pose)
-        rotations = workspace_pose(0.0 * turn + tilt, 0.0 * turn + azimuth, phi + np.radians(turn))
+        rotations = workspace_pose(
+            np.full(len(turn), tilt),
+            np.full(len(turn), azimuth),
+            phi + turn,
+        )
         path = joint_angles(rotations, sensors)
         self.place = path[-1]
         self._true = tuple(quaternion_from_matrix(rotations[-1]).tolist())

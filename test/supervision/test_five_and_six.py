@@ -33,11 +33,19 @@ def missing(first, last, *sensors):
 
 @pytest.mark.parametrize(
     ('fault', 'sensor'),
-    few([('singular', offset, 1.0), ('crossing', ramp, 10.0), ('through', stuck)], (3, 4)),
+    few(
+        [
+            ('singular', offset, 1.0),
+            ('crossing', ramp, 10.0),
+            ('through', stuck),
+        ],
+        (3, 4),
+    ),
 )
 def test_five_are_silent_where_four_see_nothing(fault, sensor):
-    kind, change, *size = fault
-    found = outcome(kind, 5, spoil=change(BEGIN, sensor, *size), seconds=0.5)
+    kind, make, *size = fault
+    change = make(BEGIN, sensor, *size)
+    found = outcome(kind, 5, spoil=change, seconds=0.5)
     assert not found.published[-100:].any()
 
 
@@ -46,7 +54,14 @@ def test_five_are_silent_where_four_see_nothing(fault, sensor):
 
 @pytest.mark.parametrize(
     ('fault', 'sensor'),
-    few([('singular', ramp, 10.0), ('crossing', offset, 1.0), ('sweep', offset, 30.0)], SENSORS),
+    few(
+        [
+            ('singular', ramp, 10.0),
+            ('crossing', offset, 1.0),
+            ('sweep', offset, 30.0),
+        ],
+        SENSORS,
+    ),
 )
 def test_six_isolate_the_faulty_one_and_go_on(fault, sensor):
     kind, change, size = fault
@@ -62,7 +77,15 @@ def test_six_isolate_the_faulty_one_and_go_on(fault, sensor):
 
 @pytest.mark.parametrize(
     ('motion', 'sensor'),
-    few([('sweep', 250.0), ('fast', 500.0), ('turning', 1000.0)], SENSORS, count=3),
+    few(
+        [
+            ('sweep', 250.0),
+            ('fast', 500.0),
+            ('turning', 1000.0),
+        ],
+        SENSORS,
+        count=3,
+    ),
 )
 def test_six_go_on_within_a_window_without_one_that_is_stuck(motion, sensor):
     """The five others pass their trial first: 20 ms, and ten samples at least."""
@@ -82,17 +105,25 @@ def test_six_go_on_within_a_window_without_one_that_is_stuck(motion, sensor):
 
 
 @pytest.mark.parametrize(
-    ('growth', 'sensor'), few([(0.35, 1.0, 1.8), (2.0, 0.001, 0.5)], SENSORS, count=2)
+    ('growth', 'sensor'),
+    few(
+        [
+            (0.35, 1.0, 1.8),
+            (2.0, 0.001, 0.5),
+        ],
+        SENSORS,
+        count=2,
+    ),
 )
 def test_one_of_six_that_grows_noisy_is_excluded(growth, sensor):
     """Within a second, or at once."""
     size, slow, seconds = growth
 
     def grow(readings):
-        share = np.clip((np.arange(len(readings)) * 1e-3 - 0.3) / slow, 0.0, 1.0)
-        readings[:, sensor] += (
-            np.radians(size) * share * np.random.default_rng(sensor).normal(size=len(readings))
-        )
+        since_onset = np.arange(len(readings)) * 1e-3 - 0.3
+        share = np.clip(since_onset / slow, 0.0, 1.0)
+        noise = np.random.default_rng(sensor).normal(size=len(readings))
+        readings[:, sensor] += np.radians(size) * share * noise
 
     found = run('sweep', 6, seconds, spoil=grow)
     assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
@@ -108,7 +139,13 @@ def test_one_of_six_that_grows_noisy_is_excluded(growth, sensor):
         # A drift so slow that for a while the others agree without a healthy sensor as well.
         ('rest', ramp(BEGIN, 0, 1.0), 3 * ALERT, 'joint_1a', 1.0),
         # A spike of another sensor.
-        ('rest', every(offset(BEGIN, 3, 3.0), offset(250, 0, 4.0, 251)), ALERT, 'joint_3a', 0.4),
+        (
+            'rest',
+            every(offset(BEGIN, 3, 3.0), offset(250, 0, 4.0, 251)),
+            ALERT,
+            'joint_3a',
+            0.4,
+        ),
     ],
 )
 def test_six_go_on_and_name_it(kind, change, silence, excluded, seconds):
@@ -122,7 +159,11 @@ def test_six_go_on_and_name_it(kind, change, silence, excluded, seconds):
 
 @pytest.mark.parametrize('first', [0, 3])
 def test_a_second_faulty_sensor_is_silence(first):
-    found = outcome('sweep', 6, every(offset(BEGIN, first, 3.0), offset(BEGIN + 100, 5, 3.0)))
+    change = every(
+        offset(BEGIN, first, 3.0),
+        offset(BEGIN + 100, 5, 3.0),
+    )
+    found = outcome('sweep', 6, change)
     assert found.published[BEGIN + ALERT : BEGIN + 100].all()
     assert not found.published[BEGIN + 100 :].any()
     assert found.states[-1].startswith('silent: ')
@@ -147,15 +188,22 @@ def test_six_that_may_not_or_cannot_go_on_are_silent(kind, change, parameters, w
 # Without a reading ----------------------------------------------------------------------------
 
 
+def pairs_of_six():
+    """Return each pair of six sensors; those that are not of opposite places are slow."""
+    cases = []
+    for pair in combinations(range(6), 2):
+        marks = () if sum(pair) == 5 else pytest.mark.slow
+        cases.append(pytest.param(6, pair, marks=marks))
+    return cases
+
+
 @pytest.mark.parametrize(
     ('sensors', 'gone'),
     [
-        *((5, (sensor,)) for sensor in (1, 4)),
+        (5, (1,)),
+        (5, (4,)),
         *((6, (sensor,)) for sensor in range(6)),
-        *(
-            pytest.param(6, pair, marks=() if sum(pair) == 5 else pytest.mark.slow)
-            for pair in combinations(range(6), 2)
-        ),
+        *pairs_of_six(),
     ],
 )
 def test_one_of_five_or_two_of_six_that_are_missing_cost_no_orientation(sensors, gone):
@@ -168,6 +216,7 @@ def test_one_of_five_or_two_of_six_that_are_missing_cost_no_orientation(sensors,
 
 
 def test_a_sensor_that_comes_back_wrong_is_left_out():
-    found = outcome('sweep', 6, spoil=every(missing(100, 200, 4), offset(200, 4, 4.0)))
+    change = every(missing(100, 200, 4), offset(200, 4, 4.0))
+    found = outcome('sweep', 6, spoil=change)
     assert found.published[10:].all()
     assert found.states[-1] == 'degraded: joint_3b missing'

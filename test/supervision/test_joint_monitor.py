@@ -23,13 +23,19 @@ ENCODERS = [(0.04, 14), (0.006, 14), (0.006, 17)]
 
 
 def joint(sigma=SIGMA):
-    return JointMonitor(sigma, LIMITS.threshold(), LIMITS.joint_acceleration, LIMITS.joint_speed)
+    return JointMonitor(
+        sigma,
+        LIMITS.threshold(),
+        LIMITS.joint_acceleration,
+        LIMITS.joint_speed,
+    )
 
 
 def encoder(angles, noise=0.04, bits=14, seed=1):
     """Return readings of angles, rad, noisy and quantised."""
     count = 2.0 * pi / 2**bits
-    noisy = angles + radians(noise) * np.random.default_rng(seed).normal(size=len(angles))
+    rng = np.random.default_rng(seed)
+    noisy = angles + radians(noise) * rng.normal(size=len(angles))
     return (np.round(noisy / count) * count).tolist()
 
 
@@ -50,9 +56,11 @@ def follow(monitor, readings, dt=DT, period=DT):
 
 def runs(angles, noise, bits, seeds=8):
     """Return what monitors show of an encoder's readings with different noise."""
-    return [
-        follow(joint(radians(noise)), encoder(angles, noise, bits, seed)) for seed in range(seeds)
-    ]
+    found = []
+    for seed in range(seeds):
+        readings = encoder(angles, noise, bits, seed)
+        found.append(follow(joint(radians(noise)), readings))
+    return found
 
 
 # Its motion ---------------------------------------------------------------------------------
@@ -65,12 +73,8 @@ def test_a_human_motion_is_followed(noise, bits, dt):
     time = times(2000, dt)
     for hertz, amplitude in ((0.1, 2.0), (2.0, 1.5), (8.0, 0.17)):
         angles = amplitude * np.sin(2.0 * pi * hertz * time)
-        seen = follow(
-            joint(radians(noise)),
-            encoder(angles, noise, bits),
-            dt,
-            dt,
-        )
+        readings = encoder(angles, noise, bits)
+        seen = follow(joint(radians(noise)), readings, dt, dt)
         assert not seen['away'].any()
         assert not seen['step'].any()
 
@@ -81,9 +85,13 @@ def test_an_innovation_is_in_standard_deviations_of_a_healthy_one(periods):
     monitor = joint()
     found = []
     for index, reading in enumerate(encoder(np.zeros(20_000), bits=17)):
-        monitor.follow(reading, (1 if index % 10 else periods) * DT, DT, 0.0)
-        found += [monitor.innovation] * (index % 10 == 0)
-    assert np.sqrt(np.mean(np.square(found[1:]))) == pytest.approx(1.0, rel=0.07)
+        is_tenth = index % 10 == 0
+        waited = periods * DT if is_tenth else DT
+        monitor.follow(reading, waited, DT, 0.0)
+        if is_tenth:
+            found.append(monitor.innovation)
+    mean_square = np.mean(np.square(found[1:]))
+    assert np.sqrt(mean_square) == pytest.approx(1.0, rel=0.07)
     monitor.follow(radians(4.0), DT, DT, 0.0)
     assert monitor.innovation == pytest.approx(100.0 / deviation(1.0), rel=0.05)
 
@@ -92,7 +100,9 @@ def test_an_innovation_is_in_standard_deviations_of_a_healthy_one(periods):
 def test_the_lag_is_what_an_acceleration_moves_a_joint_off_its_prediction(periods):
     index = np.array([*range(100), 99 + periods])
     monitor = joint()
-    for angle, count in zip(0.5e-4 * index**2, np.diff(index, prepend=-1), strict=True):
+    angles = 0.5e-4 * index**2
+    counts = np.diff(index, prepend=-1)
+    for angle, count in zip(angles, counts, strict=True):
         monitor.follow(angle, count * DT, DT, 0.0)
     moved = monitor.innovation * deviation(max(periods, 1)) * monitor.expected
     assert moved == pytest.approx(1e-4 * lag(periods), rel=1e-3)
@@ -111,20 +121,31 @@ def test_after_five_periods_without_a_reading_the_velocity_is_set_anew():
 # What leaves it -----------------------------------------------------------------------------
 
 
-def test_two_readings_set_the_motion_and_no_human_moves_faster_than_the_second():
+@pytest.mark.parametrize(
+    ('readings', 'away'),
+    [
+        ((0.0, 1.3), False),
+        ((0.0, 1.9), True),
+        ((0.0, 0.0, 0.8), True),
+    ],
+)
+def test_two_readings_set_the_motion_and_no_human_moves_faster_than_the_second(readings, away):
     """By the speed limit in a period, 1.15 deg, and noise."""
-    for readings, away in (((0.0, 1.3), False), ((0.0, 1.9), True), ((0.0, 0.0, 0.8), True)):
-        seen = follow(joint(), np.radians(readings).tolist())
-        assert bool(seen['away'][-1]) == away
+    seen = follow(joint(), np.radians(readings).tolist())
+    assert bool(seen['away'][-1]) == away
 
 
 def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_is_a_return():
     """It stays 10 deg off; or jumps by 2 and moves back slowly; or jumps by 20, then by -15."""
-    stays = 2.0 * times() + radians(10.0) * (times() >= 0.0)
-    across = 1.0 + (radians(2.0) - times()) * (times() >= 0.0)
-    twice = radians(20.0) * (times() >= 0.0) - radians(15.0) * (times() >= 0.004)
+    time = times()
+    has_jumped = time >= 0.0
+    has_jumped_again = time >= 0.004
+    stays = 2.0 * time + radians(10.0) * has_jumped
+    across = 1.0 + (radians(2.0) - time) * has_jumped
+    twice = radians(20.0) * has_jumped - radians(15.0) * has_jumped_again
     for angles in (stays, across, twice):
-        assert not any(seen['returned'].any() for seen in runs(angles, 0.04, 14))
+        for seen in runs(angles, 0.04, 14):
+            assert not seen['returned'].any()
     for seen in runs(stays, 0.04, 14):
         # It is followed from there.
         assert seen['away'][ONSET]
@@ -147,11 +168,12 @@ def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings
     noise, bits, size, speed, share
 ):
     angles = speed * times() + radians(size) * (times() >= 0.0)
-    found = [
-        (not speed or (seen['step'][ONSET : ONSET + 2] == Step.SUSPECTED).all())
-        and seen['step'][ONSET + 2] == Step.CERTAIN
-        for seen in runs(angles, noise, bits, 20)
-    ]
+    found = []
+    for seen in runs(angles, noise, bits, 20):
+        first, second, third = seen['step'][ONSET : ONSET + 3]
+        # One at rest may repeat its readings: then it is not suspected before.
+        is_suspected = first == second == Step.SUSPECTED
+        found.append(third == Step.CERTAIN and (is_suspected or not speed))
     assert np.mean(found) >= share
 
 
@@ -180,9 +202,11 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
     assert seen['since'][ONSET:] == pytest.approx(expected)
     if every in (2, 4):
         # One that stops is at rest where it was.
-        seen = follow(joint(), readings[: ONSET + 1] + 50 * [readings[ONSET]])
+        before = readings[: ONSET + 1]
+        seen = follow(joint(), before + 50 * [readings[ONSET]])
         assert not seen['away'].any()
-        assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
+        assert seen['velocity'][-1] == 0.0
+        assert seen['since'][-1] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -199,8 +223,9 @@ def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
     for reading in encoder(speed * times(6000), noise, bits=17):
         monitor.follow(reading, DT, DT, 0.0)
         measured.append(monitor.noise)
-    assert np.mean(measured[2000:]) == pytest.approx(radians(noise), rel=0.04)
-    assert np.std(measured[2000:]) < 0.1 * radians(noise)
+    later = measured[2000:]
+    assert np.mean(later) == pytest.approx(radians(noise), rel=0.04)
+    assert np.std(later) < 0.1 * radians(noise)
 
 
 def test_equal_readings_mean_something_of_a_noisy_sensor_only():
@@ -212,15 +237,28 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
         assert monitor.run < 20
     assert monitor.repeats_are_rare
     follow(monitor, [reading + radians(0.1)] * 31)
-    assert (monitor.run, monitor.repeats_are_rare) == (30, True)
-    for quiet in (
-        *(encoder(0.0 * times(3000), noise) for noise in (0.006, 0.012, 0.03)),
-        encoder(0.0 * times(3000), 0.1, bits=12),
+    assert monitor.run == 30
+    assert monitor.repeats_are_rare
+
+
+AT_REST = np.zeros(3000)
+
+
+@pytest.mark.parametrize(
+    'readings',
+    [
+        encoder(AT_REST, 0.006),
+        encoder(AT_REST, 0.012),
+        encoder(AT_REST, 0.03),
+        encoder(AT_REST, 0.1, bits=12),
         slow(coming_to(3.0), 4),
-    ):
-        monitor = joint()
-        follow(monitor, quiet)
-        assert not monitor.repeats_are_rare
+    ],
+    ids=['0.006', '0.012', '0.03', 'coarse', 'slow'],
+)
+def test_equal_readings_of_a_quiet_or_slow_encoder_mean_nothing(readings):
+    monitor = joint()
+    follow(monitor, readings)
+    assert not monitor.repeats_are_rare
 
 
 @pytest.mark.parametrize(('jitter', 'away'), [(0.0, True), (0.001, False)])
@@ -231,20 +269,8 @@ def test_a_fast_joint_may_be_off_by_what_the_jitter_of_the_stamps_explains(jitte
     velocity = 3.0
     period = 0.001
     for number in range(100):
-        angles = place + velocity * period * number
-        supervisor.joints.follow(
-            tuple(angles.tolist()),
-            period,
-            period,
-            0.0,
-            (),
-        )
-    ahead = place + velocity * (period * 100 + 0.003)
-    found, _ = supervisor.joints.follow(
-        tuple(ahead.tolist()),
-        period,
-        period,
-        jitter,
-        (),
-    )
+        angles = tuple((place + velocity * period * number).tolist())
+        supervisor.joints.follow(angles, period, period, 0.0, ())
+    ahead = tuple((place + velocity * (period * 100 + 0.003)).tolist())
+    found, _ = supervisor.joints.follow(ahead, period, period, jitter, ())
     assert found == away
