@@ -14,16 +14,20 @@ from spm_haptic_master.teleoperation import command_limits
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 # Period of the command (s).
 DT = 0.005
+# How much later than the last one a sample comes, in periods.
+PERIODS = (1.0, 1.0, 1.0, 0.8, 1.0, 1.0, 2.0, 4.0, 20.0)
 
 
 def at_rest(acceleration=40.0, slews=True):
     """Return a command at rest, with limits that a slow hand does not reach."""
-    return command_limits.LimitedRotation(
-        command_limits.CommandLimits(
-            speed=6.0, acceleration=acceleration, jump=radians(5.0), slews=slews, longest=2.0 * DT
-        ),
-        IDENTITY,
+    limits = command_limits.CommandLimits(
+        speed=6.0,
+        acceleration=acceleration,
+        jump=radians(5.0),
+        slews=slews,
+        longest=2.0 * DT,
     )
+    return command_limits.LimitedRotation(limits, IDENTITY)
 
 
 def test_single_precision_is_a_rotation_and_what_is_none_is_refused():
@@ -53,7 +57,8 @@ def random_limits(generator, period):
 def random_rate(generator):
     """Return an angular velocity in any direction, rad/s."""
     axis = np.array([generator.gauss(0.0, 1.0) for _ in range(3)])
-    return generator.choice([0.0, 0.3, 3.0, 30.0]) * axis / np.linalg.norm(axis)
+    speed = generator.choice([0.0, 0.3, 3.0, 30.0])
+    return speed * axis / np.linalg.norm(axis)
 
 
 def random_target(generator, rotation):
@@ -91,6 +96,14 @@ def check_no_step_is_possible(limits, last, dt):
     assert least * dt > limits.jump * (1.0 - 1e-6)
 
 
+def check_arrival(command, target, period):
+    """Check that a command arrives at a target, and stands."""
+    for _ in range(round(5.0 / period)):
+        command.advance(target, period)
+    assert rotations.rotation_distance(command.rotation, target) < 1e-9
+    assert np.linalg.norm(command.velocity) < 1e-6
+
+
 @pytest.mark.parametrize('seed', range(20))
 def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
     """By the rotations alone; where no motion is within the limits, it says so and stays."""
@@ -104,7 +117,7 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
         rate = random_rate(generator)
         target = random_target(generator, command.rotation)
         for _ in range(generator.randint(1, 60)):
-            dt = period * generator.choice([1.0, 1.0, 1.0, 0.8, 1.0, 1.0, 2.0, 4.0, 20.0])
+            dt = period * generator.choice(PERIODS)
             target = turned(rate, dt, target)
             before = command.rotation
             broken = command.advance(target, dt)
@@ -122,11 +135,7 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
             assert np.dot(before, command.rotation) > 0.0
     assert moved
     if limits.acceleration > 10.0 and limits.speed > 1.0 and limits.jump > 0.1:
-        # It arrives, and stands.
-        for _ in range(round(5.0 / period)):
-            command.advance(target, period)
-        assert rotations.rotation_distance(command.rotation, target) < 1e-9
-        assert np.linalg.norm(command.velocity) < 1e-6
+        check_arrival(command, target, period)
 
 
 @pytest.mark.parametrize('angle', [0.001, 0.05, 3.0])

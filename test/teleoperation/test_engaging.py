@@ -6,6 +6,7 @@
 from itertools import pairwise
 from math import nan, radians
 import random
+from typing import ClassVar
 
 from engaging_rig import angle_between, MASTER, MS, PERIOD, quaternion, Rig, rotation_vector, SLAVE
 from mechanism import turn, zxz
@@ -130,56 +131,59 @@ def stop(rig):
     rig.stamp += 3000 * MS
 
 
+def passing(method, bad, good):
+    """Return a loss that is over at once: what the machine takes, and takes after it."""
+
+    def lose(rig):
+        take = getattr(rig.machine, method)
+        take(bad)
+        take(good)
+
+    return lose
+
+
+def set_the_clock(rig):
+    """Let an hour pass that the computer slept, or have its clock set."""
+    rig.stamp += 3_600_000 * MS
+
+
+def lose_enabling(rig):
+    rig.machine.take_enabling(0, 0.0)
+    rig.machine.take_enabling(1, 1e9)
+
+
+NOT_A_ROTATION = (0.0, nan, 0.0, 1.0)
+
+
 # What disengages, by the cause that is named.
 LOSSES = {
-    'no presence': lambda rig: rig.machine.take_presence(False) or rig.machine.take_presence(True),
+    'no presence': passing('take_presence', False, True),
     'no orientation': lambda rig: rig.pause('master', 60),
-    'no orientation (norm)': lambda rig: rig.machine.take_master(
-        rig.stamp + 1, (0.0, nan, 0.0, 1.0)
-    ),
+    'no orientation (norm)': lambda rig: rig.machine.take_master(rig.stamp + 1, NOT_A_ROTATION),
     'no orientation (stopped)': stop,
-    # The computer slept, or its clock was set.
-    'no orientation (stamp)': lambda rig: setattr(rig, 'stamp', rig.stamp + 3_600_000 * MS),
+    'no orientation (stamp)': set_the_clock,
     'no pose of the slave': lambda rig: rig.pause('slave', 110),
-    'no pose of the slave (norm)': lambda rig: rig.machine.take_slave(Pose((nan, 0.0, 0.0, 1.0))),
+    'no pose of the slave (norm)': lambda rig: rig.machine.take_slave(Pose(NOT_A_ROTATION)),
     # As dVRK says that its arm is not ready.
     'no pose of the slave (invalid)': lambda rig: rig.machine.take_slave(None),
-    'slave DISABLED': lambda rig: (
-        rig.machine.take_slave_obstacle('slave DISABLED') or rig.machine.take_slave_obstacle('')
-    ),
-    'force: fault: x': lambda rig: (
-        rig.machine.take_force_fault('force: fault: x') or rig.machine.take_force_fault('')
-    ),
-    'silent: x': lambda rig: (
-        rig.machine.take_state(read_state('silent: x'))
-        or rig.machine.take_state(read_state('healthy'))
-    ),
-    'master not enabled': lambda rig: (
-        rig.machine.take_enabling(0, 0.0) or rig.machine.take_enabling(1, 1e9)
-    ),
-    'protection level above the limit': lambda rig: (
-        rig.machine.take_level(radians(0.8)) or rig.machine.take_level(radians(0.1))
-    ),
-    'clutch gone while pressed': lambda rig: rig.machine.take_clutch(None),
+    'slave DISABLED': passing('take_slave_obstacle', 'slave DISABLED', ''),
+    'force: fault: x': passing('take_force_fault', 'force: fault: x', ''),
+    'silent: x': passing('take_state', read_state('silent: x'), read_state('healthy')),
+    'master not enabled': lose_enabling,
+    'protection level above the limit': passing('take_level', radians(0.8), radians(0.1)),
     'disabled': lambda rig: rig.machine.disengage(),
 }
 
 
-@pytest.mark.parametrize('cause', LOSSES)
-@pytest.mark.parametrize('clutched', [False, True])
-def test_what_disengages_does_so_for_good(cause, clutched):
+def engaged_with_a_level():
+    """Return a rig that is engaged, with a limit of the protection level."""
     rig = Rig(protection_limit_deg=0.5)
     rig.level = 0.1
-    rig.engage()
-    if clutched:
-        rig.machine.take_clutch(True)
-        assert rig.run(20) == []
-        assert rig.state == 'clutched'
-    LOSSES[cause](rig)
-    rig.machine.take_clutch(False)
-    if cause.startswith('clutch') and not clutched:
-        assert rig.run(20)  # one that was not pressed may go
-        return
+    return rig.engage()
+
+
+def check_disengaged(rig, cause):
+    """Check that a rig has disengaged for a cause, for good, and engages by an enable."""
     assert rig.run(300) == []
     assert rig.machine.phase is Phase.DISENGAGED
     assert rig.state == f'disengaged: waiting for enable, after: {cause.partition(" (")[0]}'
@@ -188,11 +192,38 @@ def test_what_disengages_does_so_for_good(cause, clutched):
     assert rig.machine.starts == 2
 
 
+@pytest.mark.parametrize('cause', LOSSES)
+def test_what_disengages_does_so_for_good(cause):
+    rig = engaged_with_a_level()
+    LOSSES[cause](rig)
+    check_disengaged(rig, cause)
+
+
+@pytest.mark.parametrize('cause', [*LOSSES, 'clutch gone while pressed'])
+def test_what_disengages_does_so_while_the_clutch_is_pressed_too(cause):
+    rig = engaged_with_a_level()
+    rig.machine.take_clutch(True)
+    assert rig.run(20) == []
+    assert rig.state == 'clutched'
+    if cause in LOSSES:
+        LOSSES[cause](rig)
+    else:
+        rig.machine.take_clutch(None)
+    rig.machine.take_clutch(False)
+    check_disengaged(rig, cause)
+
+
+def test_a_clutch_that_is_not_pressed_may_go():
+    rig = engaged_with_a_level()
+    rig.machine.take_clutch(None)
+    rig.machine.take_clutch(False)
+    assert rig.run(20)
+
+
 def test_presence_has_to_be_repeated():
     """By default: a pedal that was killed does not lead the slave."""
-    timeout = next(
-        setting.default for setting in TELEOP_SETTINGS if setting.name == 'teleop.presence_timeout'
-    )
+    defaults = {setting.name: setting.default for setting in TELEOP_SETTINGS}
+    timeout = defaults['teleop.presence_timeout']
     rig = Rig(presence_timeout=timeout).engage()
     for _ in range(2):
         rig.machine.take_presence(True)
@@ -203,10 +234,9 @@ def test_presence_has_to_be_repeated():
 
 
 def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
-    registration = zxz(0.5, -0.7, 0.2)
-    rig = Rig(
-        command_rate=0.0, registration_zxz_deg=np.degrees([0.5, -0.7, 0.2]).tolist()
-    ).engage()
+    angles = [0.5, -0.7, 0.2]
+    registration = zxz(*angles)
+    rig = Rig(command_rate=0.0, registration_zxz_deg=np.degrees(angles).tolist()).engage()
     master = rig.master
     slave = rig.slave
     for k in range(300):
@@ -217,13 +247,9 @@ def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
 
 def test_an_orientation_that_is_not_newer_is_ignored():
     rig = Rig(command_rate=0.0).engage()
+    other = quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)
     for late in (0, 1, 1000):
-        assert (
-            rig.machine.take_master(
-                rig.stamp - late * MS, quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)
-            )
-            is None
-        )
+        assert rig.machine.take_master(rig.stamp - late * MS, other) is None
     ((_, after),) = rig.run(1)
     np.testing.assert_allclose(after, rig.slave, atol=1e-12)
 
@@ -242,7 +268,9 @@ def test_a_slave_that_does_not_follow_disengages():
 
 
 def test_commands_come_at_their_rate():
-    assert set(np.diff([stamp for stamp, _ in Rig().engage().run(200)])) == {5 * MS}
+    commands = Rig().engage().run(200)
+    stamps = [stamp for stamp, _ in commands]
+    assert set(np.diff(stamps)) == {5 * MS}
 
 
 def test_the_clutch_holds_the_slave_and_takes_a_new_offset():
@@ -270,6 +298,19 @@ def test_a_release_of_the_clutch_far_from_alignment_disengages():
     assert rig.state == 'disengaged: waiting for enable, after: not aligned'
 
 
+def approach_of(rig, angle):
+    """Check that the commands went straight to the master; return times and angles left."""
+    stamps, matrices = zip(*rig.commands, strict=True)
+    left = np.array([angle_between(matrix, rig.master) for matrix in matrices])
+    turned = np.array([angle_between(matrix, matrices[0]) for matrix in matrices])
+    assert left[0] == pytest.approx(angle, abs=1e-9)
+    assert left[-1] < 1e-9
+    assert np.all(np.diff(left) <= 1e-7)
+    # It stays on its way: what it has turned and what is left add up.
+    np.testing.assert_allclose(turned + left, angle, atol=1e-6)
+    return 1e-9 * np.diff(stamps), left
+
+
 @pytest.mark.parametrize('seed', range(3))
 def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     """At any limits, rate and gaps: the angle to the master only falls, within the limits."""
@@ -294,28 +335,18 @@ def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
         if angle_between(rig.commands[-1][1], rig.master) < 1e-9:
             break
     assert rig.machine.phase is Phase.ENGAGED
-    stamps, matrices = zip(*rig.commands, strict=True)
-    left = np.array([angle_between(matrix, rig.master) for matrix in matrices])
-    assert left[0] == pytest.approx(angle, abs=1e-9)
-    assert left[-1] < 1e-9
-    assert np.all(np.diff(left) <= 1e-7)
-    # It stays on its way: what it has turned and what is left add up.
-    turned = np.array([angle_between(matrix, matrices[0]) for matrix in matrices])
-    np.testing.assert_allclose(turned + left, angle, atol=1e-6)
-    times = 1e-9 * np.diff(stamps)
+    times, left = approach_of(rig, angle)
     # From rest.
     rates = np.concatenate([[0.0], -np.diff(left) / times])
+    changes = np.abs(np.diff(rates))
     assert rates.max() <= speed * (1.0 + 1e-6)
     # As fast as the limits allow: it speeds up for half of the way at most.
     assert rates.max() > 0.8 * min(speed, np.sqrt(acceleration * angle))
-    assert np.all(np.abs(np.diff(rates)) <= acceleration * times * (1.0 + 1e-6) + 1e-4)
+    assert np.all(changes <= acceleration * times * (1.0 + 1e-6) + 1e-4)
     # Then they are one.
     rig.run(600, (0.02, 0.0, 0.0))
-    np.testing.assert_allclose(
-        rig.commands[-1][1] @ rig.master.T,
-        np.eye(3),
-        atol=5e-4,
-    )
+    _, last = rig.commands[-1]
+    np.testing.assert_allclose(last @ rig.master.T, np.eye(3), atol=5e-4)
 
 
 def test_a_jump_of_the_master_is_slewed_or_disengages():
@@ -338,7 +369,8 @@ def run_with_lag(rig, lag, every, steps, rate):
         rig.slave_speaks = rig.stamp // MS % every == 0
         rig.run(1, (0.0, rate, 0.0))
         commanded = rig.commands[-1][1] if rig.commands else rig.slave
-        rig.slave = turn(part * rotation_vector(commanded @ rig.slave.T)) @ rig.slave
+        behind = rotation_vector(commanded @ rig.slave.T)
+        rig.slave = turn(part * behind) @ rig.slave
 
 
 @pytest.mark.parametrize(
@@ -414,7 +446,8 @@ def test_what_has_waited_does_not_go_out_at_once():
 def test_the_velocity_is_that_of_the_command(limits):
     """A slave that is driven by rates turns as far as one that is driven by poses."""
     rig = Rig(**limits).engage()
-    turned, (before, last) = 0.0, rig.commands[-1]
+    before, last = rig.commands[-1]
+    turned = 0.0
     for _ in range(1000):
         for stamp, _ in rig.run(1, (0.0, 0.5, 0.0)):
             turned += rig.last.motion.angular[1] * (stamp - before) * 1e-9
@@ -429,10 +462,13 @@ class Watch:
 
     def __init__(self, rig):
         self.rig = rig
-        self.healthy = self.present = self.clutch = False
+        self.healthy = False
+        self.present = False
+        self.clutch = False
         self.enabling = None
         # Whether an enable came since something disengaged.
-        self.armed = self.engaged = False
+        self.armed = False
+        self.engaged = False
         self.last = None
 
     def check(self, commands):
@@ -449,54 +485,82 @@ class Watch:
             else:
                 before, rotation = self.last
                 passed = min((stamp - before) * 1e-9, 2.0 * PERIOD)
+                largest = min(6.0 * passed, radians(5.0))
                 step = rotation_distance(quaternion(rotation), quaternion(matrix))
-                assert step <= min(6.0 * passed, radians(5.0)) * (1.0 + 1e-6) + 1e-7
+                assert step <= largest * (1.0 + 1e-6) + 1e-7
             self.last = stamp, matrix
 
     def happen(self, what, value):
-        rig = self.rig
+        """Have something happen, and follow what it disengages."""
+        self.happenings[what](self, value)
         machine = self.rig.machine
-        match what:
-            case 'run' | 'walk':
-                self.check(rig.run(*value))
-            case 'silence':
-                assert rig.pause('master', value) == []
-            case 'stale':
-                # The pose that is the last one is the slave's.
-                self.check(rig.pause('slave', value))
-            case 'presence':
-                self.present = value
-                machine.take_presence(value)
-            case 'clutch':
-                self.clutch = value
-                machine.take_clutch(value)
-            case 'state':
-                state = received_state(value)
-                self.healthy = state.publishes
-                machine.take_state(state)
-            case 'enable':
-                self.armed = machine.enable() == '' or self.armed
-            case 'enable of the master':
-                before = self.enabling
-                self.enabling = value
-                self.armed = self.armed or before not in (None, value)
-                machine.take_enabling(value, 0.0)
-            case 'disable':
-                machine.disengage()
-            case 'master' | 'slave':
-                setattr(rig, what, turn(value) @ getattr(rig, what))
         machine.pass_time(0.0)
-        if (
-            not self.healthy
-            or self.enabling == 0
-            or what == 'disable'
-            or (what == 'silence' and value > 50)
-            or (what == 'stale' and value > 101)
-        ):
-            self.armed = self.engaged = False
-        if self.clutch or not self.engaged or machine.phase is Phase.DISENGAGED:
+        is_too_long = what in self.longest and value > self.longest[what]
+        if not self.healthy or self.enabling == 0 or what == 'disable' or is_too_long:
+            self.armed = False
+            self.engaged = False
+        if machine.phase is Phase.DISENGAGED:
+            self.engaged = False
+        if self.clutch or not self.engaged:
             self.last = None
-        self.engaged = self.engaged and machine.phase is not Phase.DISENGAGED
+
+    def run(self, value):
+        self.check(self.rig.run(*value))
+
+    def be_silent(self, value):
+        assert self.rig.pause('master', value) == []
+
+    def be_stale(self, value):
+        # The pose that is the last one is the slave's.
+        self.check(self.rig.pause('slave', value))
+
+    def take_presence(self, value):
+        self.present = value
+        self.rig.machine.take_presence(value)
+
+    def take_clutch(self, value):
+        self.clutch = value
+        self.rig.machine.take_clutch(value)
+
+    def take_state(self, value):
+        state = received_state(value)
+        self.healthy = state.publishes
+        self.rig.machine.take_state(state)
+
+    def enable(self, _):
+        self.armed = self.rig.machine.enable() == '' or self.armed
+
+    def take_enabling(self, value):
+        before = self.enabling
+        self.enabling = value
+        self.armed = self.armed or before not in (None, value)
+        self.rig.machine.take_enabling(value, 0.0)
+
+    def disable(self, _):
+        self.rig.machine.disengage()
+
+    def move_master(self, value):
+        self.rig.master = turn(value) @ self.rig.master
+
+    def move_slave(self, value):
+        self.rig.slave = turn(value) @ self.rig.slave
+
+    # Longest pauses that do not disengage, ms.
+    longest: ClassVar = {'silence': 50, 'stale': 101}
+    happenings: ClassVar = {
+        'run': run,
+        'walk': run,
+        'silence': be_silent,
+        'stale': be_stale,
+        'presence': take_presence,
+        'clutch': take_clutch,
+        'state': take_state,
+        'enable': enable,
+        'enable of the master': take_enabling,
+        'disable': disable,
+        'master': move_master,
+        'slave': move_slave,
+    }
 
 
 # What may happen between two samples of the master, by its weight in a random sequence: its value.
@@ -527,7 +591,12 @@ WEIGHTS = (4, 8, 1, 1, 3, 2, 3, 8, 2, 0.5, 1, 1)
 
 
 @pytest.mark.parametrize(
-    'seed', [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 5))]
+    'seed',
+    [
+        0,
+        1,
+        *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 5)),
+    ],
 )
 def test_whatever_comes_there_is_no_step_and_no_command_while_not_engaged(seed):
     draw = random.Random(seed)

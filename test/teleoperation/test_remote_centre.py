@@ -22,10 +22,19 @@ from spm_haptic_master.teleoperation.remote_centre import RemoteCentre, RemoteCe
 DT = 0.005
 PERIOD = 5_000_000
 DEEP = DepthLimits(
-    shortest=0.02, deepest=0.3, speed=0.2, acceleration=10.0, slews=True, longest=2.0 * DT
+    shortest=0.02,
+    deepest=0.3,
+    speed=0.2,
+    acceleration=10.0,
+    slews=True,
+    longest=2.0 * DT,
 )
 FAST = CommandLimits(
-    speed=6.0, acceleration=500.0, jump=radians(5.0), slews=True, longest=2.0 * DT
+    speed=6.0,
+    acceleration=500.0,
+    jump=radians(5.0),
+    slews=True,
+    longest=2.0 * DT,
 )
 
 
@@ -54,9 +63,13 @@ class Course:
         self.first_master = self.master
         given = {'scale': 1.0, 'depth': DEEP, 'largest_tilt': inf} | settings
         self.settings = RemoteCentreSettings(**given)
-        pose = Pose(quaternion(self.slave), tuple(map(float, self.tip)))
+        pose = Pose(quaternion(self.slave), tuple(self.tip.tolist()))
         centre = RemoteCentre(
-            self.settings, tuple(map(float, self.trocar)), pose, self.first_insertion, None
+            self.settings,
+            tuple(self.trocar.tolist()),
+            pose,
+            self.first_insertion,
+            None,
         )
         self.following = Following(
             limits,
@@ -96,13 +109,15 @@ class Course:
     @property
     def distance_from_shaft(self):
         """Distance of the trocar from the line through the tip along R_cmd u."""
-        return np.linalg.norm(np.cross(self.trocar - self.position, self.rotation @ self.shaft))
+        direction = self.rotation @ self.shaft
+        return np.linalg.norm(np.cross(self.trocar - self.position, direction))
 
     @property
     def tilt(self):
         direction = self.rotation @ self.shaft
         axis = self.slave @ self.shaft
-        return np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction)
+        sine = np.linalg.norm(np.cross(axis, direction))
+        return np.arctan2(sine, axis @ direction)
 
 
 @pytest.mark.parametrize('seed', range(50))
@@ -118,15 +133,11 @@ def test_the_shaft_passes_through_the_trocar_in_every_command(seed):
         # From rest, within all limits.
         share = min(1.0, step / 20)
         assert course.advance(share * turning, share * sliding) == ''
-        depth = course.first_depth + course.settings.scale * (
-            course.insertion - course.first_insertion
-        )
+        slid = course.insertion - course.first_insertion
+        depth = course.first_depth + course.settings.scale * slid
+        tip = course.trocar + depth * course.rotation @ course.shaft
         np.testing.assert_allclose(course.rotation, course.expected_rotation, atol=1e-12)
-        np.testing.assert_allclose(
-            course.position,
-            course.trocar + depth * course.rotation @ course.shaft,
-            atol=1e-12,
-        )
+        np.testing.assert_allclose(course.position, tip, atol=1e-12)
         assert course.distance_from_shaft <= 1e-12
 
 
@@ -151,10 +162,9 @@ def test_the_twist_is_the_derivative_of_the_pose_at_the_tip(seed):
         np.testing.assert_allclose(motion.angular, rate, atol=1e-9)
 
 
-@pytest.mark.parametrize('seed', range(30))
-def test_the_depth_keeps_its_range_and_its_rates_whatever_comes(seed):
-    draw = random.Random(seed)
-    limits = DepthLimits(
+def random_depth_limits(draw):
+    """Return limits of a depth, from far too slow to far too fast for a hand."""
+    return DepthLimits(
         shortest=0.02,
         deepest=draw.uniform(0.05, 0.3),
         speed=10.0 ** draw.uniform(-2.0, 0.5),
@@ -162,6 +172,12 @@ def test_the_depth_keeps_its_range_and_its_rates_whatever_comes(seed):
         slews=True,
         longest=2.0 * DT,
     )
+
+
+@pytest.mark.parametrize('seed', range(30))
+def test_the_depth_keeps_its_range_and_its_rates_whatever_comes(seed):
+    draw = random.Random(seed)
+    limits = random_depth_limits(draw)
     depth = LimitedDepth(limits, draw.uniform(limits.shortest, limits.deepest))
     rate = 0.0
     target = depth.depth
@@ -180,12 +196,15 @@ def test_the_depth_keeps_its_range_and_its_rates_whatever_comes(seed):
         assert abs(found - rate) <= limits.acceleration * dt * (1.0 + 1e-6) + 1e-9
         rate = found
     if limits.acceleration > 1.0 and limits.speed > 0.1:
-        # It arrives at a target in its range, and stands.
-        middle = 0.5 * (limits.shortest + limits.deepest)
-        for _ in range(2000):
-            depth.advance(middle, DT)
-        assert depth.depth == pytest.approx(middle, abs=1e-9)
-        assert depth.rate == pytest.approx(0.0, abs=1e-6)
+        check_arrival(depth, 0.5 * (limits.shortest + limits.deepest))
+
+
+def check_arrival(depth, target):
+    """Check that a depth arrives at a target in its range, and stands."""
+    for _ in range(2000):
+        depth.advance(target, DT)
+    assert depth.depth == pytest.approx(target, abs=1e-9)
+    assert depth.rate == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_jump_of_the_insertion_is_slewed_or_disengages():
