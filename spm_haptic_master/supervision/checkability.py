@@ -24,7 +24,11 @@ from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 
-# Tilts, azimuths and self-rotations at which a region is evaluated.
+# The part of the workspace that a device is used in: tilts to 20 deg on both sides of the
+# singularity, which lies near a self-rotation of 50 deg.
+WORKSPACE_TILT = radians(20.0)
+WORKSPACE_TURNS = (0.0, radians(90.0))
+# Numbers of tilts, azimuths and self-rotations at which a region is evaluated.
 TILTS = 5
 AZIMUTHS = 8
 TURNS = 13
@@ -33,16 +37,16 @@ TURNS = 13
 @dataclass(frozen=True, slots=True)
 class Checkability:
     """
-    What of a region the others check of each of N sensors, in the order of ALL_JOINT_NAMES.
+    How far the others can check each of N sensors in a region, in the order of ALL_JOINT_NAMES.
 
     Attributes
     ----------
     share : tuple of float
-        Share of the reachable poses at which the sensor's part of the protection level is within
+        Share of the reachable poses at which each sensor's part of the protection level is within
         the alert limit, 0 to 1.
     least_limit : tuple of float
-        Smallest part of the sensor at any of the poses, rad: with an alert limit below it, the
-        sensor is checked nowhere. Infinite where no pose is within reach.
+        Smallest part of each sensor at any of the poses, rad: with an alert limit below it, the
+        sensor is checked nowhere. Infinite if no pose is within reach.
 
     """
 
@@ -69,7 +73,7 @@ def region_poses(tilt: float, first: float, last: float) -> NDArray[np.float64]:
     Returns
     -------
     ndarray, shape (n, 3, 3)
-        R_base_platform; each stands for the same area of the cone.
+        R_base_platform, each for the same area of the cone.
 
     """
     middles = (np.arange(TILTS) + 0.5) / TILTS
@@ -78,12 +82,6 @@ def region_poses(tilt: float, first: float, last: float) -> NDArray[np.float64]:
     turns = np.linspace(first, last, TURNS)
     grid = np.meshgrid(tilts, azimuths, turns, indexing='ij')
     return workspace_pose(*(axis.ravel() for axis in grid))
-
-
-# The part of the workspace that a device is used in: tilts to 20 deg on both sides of the
-# singularity, which lies near a self-rotation of 50 deg.
-WORKSPACE_TILT = radians(20.0)
-WORKSPACE_TURNS = (0.0, radians(90.0))
 
 
 def checkability(
@@ -97,9 +95,9 @@ def checkability(
     """
     Return where in a region the others can check each sensor, all of them in use.
 
-    It is what `fkm` does with consistent readings at these poses, once its window is full and no
-    rival orientation is left, to the first order: near a fold, where two solutions of the others
-    meet, `fkm` with four sensors in use has larger parts (see `folds`).
+    These are the checks of `fkm` with consistent readings at these poses, once its window is full
+    and no rival orientation is left, to the first order: near a fold, where two solutions of the
+    others meet, `fkm` with four sensors in use has larger parts (see `folds`).
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ Bad samples that are a fault: what latches it, which sensor it is, and what ends
 
 A fault ends once all sensors in use have agreed for the recovery, and the others have checked each
 suspect once since the last bad sample: the isolated sensor, or every one. A rival from before the
-fault does not count there: it is declared, as it was.
+fault does not count in these checks: it is declared, as it was.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from spm_haptic_master.supervision.symptom import (
     worst,
 )
 
-# Bad samples in a row that latch a fault; a shorter run only withholds them. Samples that are only
-# withheld may stand between them, for so long (ns): motion from before a longer gap is of no use.
+# Bad samples in a row that latch a fault; a shorter run only withholds them. Samples that suspect
+# no sensor may lie between two of them, for so long (ns): motion from before a longer gap is of no
+# use.
 FAULT_SAMPLES = 3
 RUN_GAP = round(RESTART_GAP * 1e9)
 # Runs of bad samples that are a series, and consistent samples that end it.
@@ -38,7 +39,7 @@ SERIES_RUNS = 3
 SERIES_END = 100
 # Reasons that blame no sensor.
 UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
-# Reasons that a sensor which jumped explains.
+# Reasons that the jump of a sensor explains.
 OF_A_JUMP = frozenset(
     (
         Reason.JUMPED,
@@ -52,7 +53,7 @@ OF_A_JUMP = frozenset(
 
 class Acknowledgement(NamedTuple):
     """
-    What an acknowledgement did, in words; empty where nothing.
+    What an acknowledgement did, in words; empty where there is nothing to say.
 
     Attributes
     ----------
@@ -63,8 +64,8 @@ class Acknowledgement(NamedTuple):
 
     """
 
-    ended: str
-    waits: str
+    ended: str = ''
+    waits: str = ''
 
 
 @dataclass(slots=True)
@@ -84,11 +85,11 @@ class Fault:
         Sensors that left their motion, with the number of the departure.
     agreed_from : int or None
         Stamp of the first of the latest consistent samples in a row, ns; None before. A sample
-        that is only withheld ends the row as well.
+        that suspects no sensor ends the row as well.
     acknowledged : int or None
         `last_bad` when a person ended the wait for checks of the suspects, ns; None before.
     waiting : tuple of int
-        Suspects that are all that it still waits for.
+        Suspects whose check is all that it still waits for; empty while it waits for more.
 
     """
 
@@ -107,7 +108,7 @@ class Fault:
 
     @property
     def needs_person(self) -> bool:
-        """Whether only a person may clear it: two sensors jumped, stay, and may cancel."""
+        """Whether only a person may clear it: two sensors jumped, did not return, may cancel."""
         return self.is_single_parity and len(self.jumped) > 1
 
     @property
@@ -127,18 +128,15 @@ class Fault:
 
 def _explains(jumped: Collection[int], symptoms: list[Symptom]) -> bool:
     """
-    Whether sensors that left their motion alone explain all symptoms of a sample.
+    Whether jumps of sensors that left their motion alone explain all symptoms of a sample.
 
-    Not those of another sensor, nor a drift, which is a matter of many samples.
+    They explain neither a symptom of another sensor nor a drift, which takes many samples.
     """
-    if not jumped:
-        return False
-    for symptom in symptoms:
-        is_of_jump = symptom.reason in OF_A_JUMP
-        is_other = symptom.sensor is not None and symptom.sensor not in jumped
-        if symptom.severity is not Severity.WITHHOLD and (is_other or not is_of_jump):
-            return False
-    return True
+    return bool(jumped) and all(
+        symptom.severity is Severity.WITHHOLD
+        or (symptom.reason in OF_A_JUMP and symptom.sensor in (None, *jumped))
+        for symptom in symptoms
+    )
 
 
 def _names(sensors: Collection[int]) -> str:
@@ -162,9 +160,9 @@ class FaultLatch:
     ----------
     fault : Fault or None
         The latched one.
-    clean : int
+    consistent : int
         Consistent samples since the latest bad one; those that are only withheld do not count.
-    latest : Symptom or None
+    latest_cause : Symptom or None
         Cause of the latest bad sample since a restart; None before.
     onset : int
         Stamp of the first bad sample of the latest run without a fault, ns; 0 before. While a
@@ -184,8 +182,8 @@ class FaultLatch:
 
     def restart(self) -> None:
         """Forget the samples; a fault stays latched."""
-        self.clean = 0
-        self.latest: Symptom | None = None
+        self.consistent = 0
+        self.latest_cause: Symptom | None = None
         # Bad samples in a row, and runs of them.
         self._bad = self._runs = 0
         # Sensors that left their motion alone at the onset.
@@ -223,7 +221,7 @@ class FaultLatch:
         """
         fault = self.fault
         if fault is None:
-            return Acknowledgement('', '')
+            return Acknowledgement()
         if fault.needs_person:
             ended = f'{_names(fault.jumped)} jumped'
             fault.jumped.clear()
@@ -233,7 +231,7 @@ class FaultLatch:
             fault.acknowledged = fault.last_bad
             fault.waiting = ()
             return Acknowledgement(fault.words, self._waits(fault))
-        return Acknowledgement('', self._waits(fault))
+        return Acknowledgement(waits=self._waits(fault))
 
     def _waits(self, fault: Fault) -> str:
         """Return what a fault still waits for, in words."""
@@ -248,18 +246,22 @@ class FaultLatch:
         sensor = fault.symptom.sensor
         return self._sensors.used.places if sensor is None else (sensor,)
 
-    def clears(self, exposure: Exposure, stamp: int) -> bool:
+    def end_if_over(self, exposure: Exposure, stamp: int) -> bool:
+        """Note a consistent sample at a stamp, ns; return whether the fault is over and ended."""
+        is_over = self.fault is None or self._is_over(self.fault, exposure, stamp)
+        if is_over:
+            self.end()
+        return is_over
+
+    def _is_over(self, fault: Fault, exposure: Exposure, stamp: int) -> bool:
         """
-        Note a consistent sample at a stamp, ns; return whether the fault is over.
+        Whether a fault is over with a consistent sample at a stamp, ns.
 
         Two sensors of a single parity that jumped wait for a person. Any other fault waits for the
         recovery. After it, a fault of which jumps explain every bad sample is over if all of them
         returned to the motion that they left, and one that a person acknowledged is over as well.
         Else the others have to have checked each suspect since the latest bad sample.
         """
-        fault = self.fault
-        if fault is None:
-            return True
         self._forget_returned(fault)
         if fault.needs_person or not self._has_recovered(fault, stamp):
             return False
@@ -274,13 +276,13 @@ class FaultLatch:
         return not fault.waiting
 
     def _forget_returned(self, fault: Fault) -> None:
-        """Take off a fault the jumps of the sensors that are back on the motion that they left."""
+        """Remove the jumps of sensors that are back on the motion that they left."""
         for sensor, departure in list(fault.jumped.items()):
             if self._joints.has_returned(sensor, departure):
                 del fault.jumped[sensor]
 
     def _has_recovered(self, fault: Fault, stamp: int) -> bool:
-        """Return whether the samples agree for long enough at a stamp, ns, whose sample does."""
+        """Whether the samples agreed for the recovery, up to a stamp, ns, whose sample does."""
         if fault.agreed_from is None:
             fault.agreed_from = stamp
         return stamp - fault.agreed_from >= round(self._recovery * 1e9)
@@ -293,13 +295,13 @@ class FaultLatch:
     def note_consistent(self) -> None:
         """Count a consistent sample."""
         self._bad = 0
-        self.clean += 1
-        if self.clean > SERIES_END:
+        self.consistent += 1
+        if self.consistent > SERIES_END:
             self._runs = 0
 
     @property
     def is_series(self) -> bool:
-        """Whether SERIES_RUNS runs of bad samples came without a long good one between."""
+        """Whether `SERIES_RUNS` runs of bad samples came, with few consistent samples between."""
         return self._runs >= SERIES_RUNS
 
     def note_bad(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
@@ -328,10 +330,10 @@ class FaultLatch:
             self.note_withheld()
             return None
         self._count(sample.stamp, symptoms)
-        self.clean = 0
-        self.latest = cause
+        self.consistent = 0
+        self.latest_cause = cause
         if self.fault is not None:
-            return self._widen(sample, symptoms)
+            return self._widen(self.fault, sample, symptoms)
         if self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH:
             return self._latch_isolated(sample, symptoms, cause)
         if self._sensors.used.entries > 1 and self.is_series:
@@ -364,7 +366,7 @@ class FaultLatch:
         symptoms: list[Symptom],
         cause: Symptom,
     ) -> int | None:
-        """Latch a fault of the sensor that the evidence isolates; return that, or None."""
+        """Latch a fault of the sensor that the evidence isolates; return that sensor, or None."""
         sensor = self._isolated(sample, symptoms)
         reason = cause.reason
         if cause.sensor is None and sensor in self._alone:
@@ -373,11 +375,12 @@ class FaultLatch:
         self.latch(sample.stamp, symptom, self._joints.left(self._sensors.used.places))
         return sensor
 
-    def _widen(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
-        """Add a bad sample to a fault; with another sensor named all are suspects."""
-        fault = self.fault
-        if fault is None:
-            return None
+    def _widen(self, fault: Fault, sample: Sample, symptoms: list[Symptom]) -> int | None:
+        """
+        Add a bad sample to a fault; return the sensor that it isolates, or None.
+
+        If its symptoms name another sensor than the fault, all become suspects again.
+        """
         fault.last_bad = sample.stamp
         fault.agreed_from = None
         fault.waiting = ()
@@ -396,9 +399,9 @@ class FaultLatch:
         """
         Return the faulty sensor; None if the evidence does not isolate one.
 
-        If symptoms name sensors, it is that one if they name one. Else it is the one whose trial
-        stands, without it. Of four, several may: there the one that left its motion alone at the
-        onset.
+        If symptoms name one sensor, it is that one; if they name several, none. Else it is the one
+        sensor without which the trial of the others stands. Of four sensors several trials may
+        stand: then it is the one that left its motion alone at the onset.
         """
         standing = self._sensors.standing(sample.stamp, self.onset)
         named = {
@@ -412,8 +415,8 @@ class FaultLatch:
             suspects &= set(self._alone)
         return suspects.pop() if len(suspects) == 1 else None
 
-    def latch_suspected(self, stamp: int, jumps: list[Symptom]) -> None:
-        """Latch jumps that a pause has hidden; in a series of bad samples they are no evidence."""
+    def latch_jumps(self, stamp: int, jumps: list[Symptom]) -> None:
+        """Latch jumps in a pause, unless a series of bad samples before it makes them doubtful."""
         if not jumps or self.fault is not None or self.is_series:
             return
         symptom = jumps[0]

@@ -7,7 +7,7 @@ One joint by itself: its motion, readings that leave it, repeated readings, and 
 A joint is *on its motion* while its readings continue position and velocity as far as human
 acceleration and noise allow. A reading that does not *leaves* it; the joint then either *returns*
 to the same motion within `RETURN_TIME` (a glitch), or is followed from where it is. All this is
-evidence only: `joint_monitors` compares the joints, and an impact moves every one.
+evidence only: `joint_monitors` compares the joints, because an impact moves every one.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ ALPHA = 0.7
 BETA = ALPHA * ALPHA / (2.0 - ALPHA)
 # Deviation of the difference between two innovations in a row, which motion hardly changes.
 DIFFERENCE = 2.4623
-_TOTAL = ALPHA * (4.0 - 2.0 * ALPHA - BETA)
+_DENOMINATOR = ALPHA * (4.0 - 2.0 * ALPHA - BETA)
 # Variance of the filtered position, of the velocity, and their covariance.
-_POSITION = (2.0 * ALPHA * ALPHA + BETA * (2.0 - 3.0 * ALPHA)) / _TOTAL
-_VELOCITY = 2.0 * BETA * BETA / _TOTAL
-_COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _TOTAL
+_POSITION = (2.0 * ALPHA * ALPHA + BETA * (2.0 - 3.0 * ALPHA)) / _DENOMINATOR
+_VELOCITY = 2.0 * BETA * BETA / _DENOMINATOR
+_COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _DENOMINATOR
 
-HOLD = 0.01  # s, longest time that a slow encoder repeats a reading: it has 100 Hz or more
-# Share of repeats of a moving joint above which its encoder is slower than the bus, and
-# the samples over which it is averaged.
-HOLD_SHARE = 0.4
-HOLD_SAMPLES = 8.0
-# Periods without a reading after which it comes late.
-LATE_PERIODS = 1.5
+# Longest time (s) for which a slow encoder repeats a reading: it has a new one at 100 Hz or more.
+REPEAT_TIME = 0.01
+# Share of repeated readings of a moving joint above which its encoder is slower than the bus, and
+# the samples over which that share is averaged.
+SLOW_SHARE = 0.4
+SHARE_SAMPLES = 8.0
+LATE_PERIODS = 1.5  # without a reading, after which it comes late
 FORGET_PERIODS = 5.0  # without a reading, after which the velocity is set anew
 AWAY_SAMPLES = 3  # after which a joint that left its motion is followed from where it is
 # Samples for which a step is evidence: the other joints may seem to move in one of them.
@@ -43,17 +43,17 @@ STEP_SAMPLES = 6
 RETURN_TIME = 0.05  # s, in which a joint that left its motion can be found back on it
 # Part of a jump's limit within which a reading is back on the motion.
 RETURN_FRACTION = 0.5
-# Standard deviations of the noise, or else a count, that a slow joint moves in a sample at most:
-# its noise can be measured, and equal readings say nothing of its encoder's rate.
+# Standard deviations of the noise, or else one count, that a slow joint moves in a sample at most:
+# its noise can be measured, and equal readings do not show the rate of its encoder.
 SLOW_DEVIATIONS = 2.0
-# Samples over which the noise is averaged: 6 % accuracy; and readings that the configured noise
+# Samples over which the noise is averaged, to 6 %; and how many readings the configured noise
 # counts for at the start.
 NOISE_SAMPLES = 256.0
 LEARNT_SAMPLES = 64.0
 OUTLIER = 16.0  # largest square of a difference, over the mean square, that the noise counts
 # Ratio of noise to resolution above which equal readings are rare at every angle: two in a row
-# have a probability of 0.26 at most, 20 of 2e-12. And changes of the reading up and down after
-# which that is known to be noise: a motion has few.
+# have a probability of 0.26 at most, 20 of 2e-12. And reversals of the reading (up, then down)
+# after which it is known that the changes are noise: a motion has few.
 NOISY = 1.5
 REVERSALS = 500
 ROOT_TWO = sqrt(2.0)
@@ -73,12 +73,16 @@ def deviation(periods: float) -> float:
 
 
 def lag(periods: float) -> float:
-    """Return what an acceleration of 1 per period^2 moves the joint off its prediction."""
+    """
+    Return how far an acceleration of 1 moves the joint off its prediction, in periods^2.
+
+    The prediction is some periods after the last reading.
+    """
     return (1.0 - ALPHA) / BETA + periods * (ALPHA / BETA - 0.5 + 0.5 * periods)
 
 
 def outside(moved: float, predicted: float) -> float:
-    """Return how far a joint is from everywhere between its last angle and the predicted one."""
+    """Return how far a motion is outside the range from none to the predicted one, rad."""
     low = min(predicted, 0.0)
     high = max(predicted, 0.0)
     return max(low - moved, moved - high, 0.0)
@@ -113,7 +117,7 @@ class JointMonitor:
     Position and velocity of one joint by an alpha-beta filter, and what contradicts them.
 
     Times are s, angles rad. A repeated reading of an encoder that is slower than the bus is used
-    only once the joint cannot have moved on (`HOLD`).
+    only once the joint cannot have moved on (`REPEAT_TIME`).
 
     Parameters
     ----------
@@ -128,9 +132,9 @@ class JointMonitor:
     ----------
     velocity : float
         The filtered one, rad/s.
-    since : float
+    reading_age : float
         Time from the reading that the filter used last to this sample, s; 0 if it used this one.
-    run : int
+    repeats : int
         Number of equal readings before the latest one.
     innovation : float
         Size of the latest reading minus its prediction, in standard deviations of a healthy
@@ -140,13 +144,13 @@ class JointMonitor:
     distance : float
         Distance of the latest reading from the motion that the joint left, rad, while it is away.
     away : int
-        Readings since the joint left its motion, for `RETURN_TIME` at most; 0 on it.
+        Readings since the joint left its motion, for `RETURN_TIME` at most; 0 while it is on it.
     step : Step
         Whether it left its motion by a step.
     departures : int
-        Number of motions that it left.
+        How many motions it has left.
     returned : int
-        Number of the motion that it came back to last; 0 before.
+        Number of the departure from which it came back last; 0 before.
 
     """
 
@@ -161,24 +165,30 @@ class JointMonitor:
         self._threshold = threshold
         self._acceleration = acceleration
         self._speed = speed
-        # Mean square of the difference between two innovations in a row, rad^2.
-        self._square = (DIFFERENCE * sigma) ** 2
+        # Mean square of the difference between two innovations in a row, rad^2, and how many
+        # differences it averages.
+        self._mean_square = (DIFFERENCE * sigma) ** 2
         self._learnt = LEARNT_SAMPLES
+        # Smallest change of the reading so far, rad.
         self._resolution = COARSEST
-        self._repeated = 0.0
-        # Changes of the reading up and down, and the latest change (rad).
+        # Share of readings that repeat the last one while the joint moves (unit 1).
+        self._repeat_share = 0.0
+        # Changes of the reading against the one before, `REVERSALS` at most, and the latest change
+        # (rad).
         self._reversals = 0
-        self._change = 0.0
-        self._last = nan
-        self.run = 0
+        self._last_change = 0.0
+        self._last_reading = nan
+        self.repeats = 0
         self.departures = self.returned = 0
         self.allow(sigma)
         self.reset_motion()
 
     def reset_motion(self) -> None:
         """Have the next two readings set position and velocity."""
-        self._known = self.away = 0
-        self._angle = self.velocity = self.since = self.innovation = 0.0
+        # Readings that have set the motion: none, one for the position, two for the velocity.
+        self._known = 0
+        self.away = 0
+        self._angle = self.velocity = self.reading_age = self.innovation = 0.0
         self.distance = 0.0
         self._last_innovation = nan
         self._left: LeftMotion | None = None
@@ -188,24 +198,24 @@ class JointMonitor:
     def allow(self, sigma: float) -> None:
         """Let the limits allow for a standard deviation, rad, as configured or measured."""
         self._allowed = sigma
-        # Least limit of an innovation: noise alone.
+        # Limit of an innovation by noise alone, rad.
         self._noise_limit = self._threshold * deviation(1.0) * sigma
         self._slow_step = max(self._resolution, SLOW_DEVIATIONS * sigma)
-        # Deviation of an innovation after one period: noise and rounding.
         self.expected = hypot(self._sigma, self._resolution / ROOT_TWELVE)
+        # Standard deviation of a healthy innovation after one period, rad.
         self._scale = deviation(1.0) * self.expected
 
     @property
     def noise(self) -> float:
-        """Return the standard deviation of the sensor as measured, rad."""
-        return sqrt(self._square) / DIFFERENCE
+        """Standard deviation of the sensor as measured, rad."""
+        return sqrt(self._mean_square) / DIFFERENCE
 
     @property
     def repeats_are_rare(self) -> bool:
-        """Whether equal readings in a row are no healthy noise, and not an encoder's rate."""
+        """Whether neither healthy noise nor a slow encoder explains equal readings in a row."""
         return (
             self._reversals >= REVERSALS
-            and self._repeated <= HOLD_SHARE
+            and self._repeat_share <= SLOW_SHARE
             and self.noise > NOISY * self._resolution
         )
 
@@ -213,8 +223,8 @@ class JointMonitor:
         """
         Return the limit of an innovation, rad, `dt` (s) after a reading, with a `period` (s).
 
-        k_fa sigma sqrt(variance) of the noise, and a lag of the filter at the human acceleration
-        limit: a human in motion does not leave his motion.
+        k_fa sigma sqrt(variance) of the noise, and the lag of the filter at the human acceleration
+        limit, so that no human motion leaves the motion of the joint.
         """
         periods = dt / period if dt > period else 1.0
         noise = self._threshold * deviation(periods) * self._allowed
@@ -240,33 +250,33 @@ class JointMonitor:
         period : float
             Usual time between samples, s.
         timing : float
-            Uncertainty of the sample's time, s.
+            How much earlier or later than its stamp the reading may be sampled, s.
 
         """
-        last = self._last
-        self._last = reading
+        last = self._last_reading
+        self._last_reading = reading
         change = reading - last
         self._note_change(change)
-        if self._left is not None and self._is_away(self._left, reading, last, dt, period):
+        if self._left is not None and self._follow_away(self._left, reading, last, dt, period):
             return
         is_repeated = change == 0.0
         if self._known < 2:
-            if not (is_repeated and self._repeated > HOLD_SHARE):
+            if not (is_repeated and self._repeat_share > SLOW_SHARE):
                 self._begin(reading, max(dt, period))
             return
         is_slow = -self._slow_step < self.velocity * period < self._slow_step
         if not is_slow:
-            self._repeated += (is_repeated - self._repeated) / HOLD_SAMPLES
-        elapsed = self.since + dt
-        if self._repeated > HOLD_SHARE:
-            if elapsed < HOLD:
+            self._repeat_share += (is_repeated - self._repeat_share) / SHARE_SAMPLES
+        elapsed = self.reading_age + dt
+        if self._repeat_share > SLOW_SHARE:
+            if elapsed < REPEAT_TIME:
                 period = max(period, elapsed)
             if is_repeated:
                 self._hold(reading, elapsed)
                 return
-        self._test(reading, change, elapsed, period, timing, is_slow)
+        self._compare(reading, change, elapsed, period, timing, is_slow)
 
-    def _test(
+    def _compare(
         self,
         reading: float,
         change: float,
@@ -276,8 +286,8 @@ class JointMonitor:
         is_slow: bool,
     ) -> None:
         """Compare a new reading with the motion, `elapsed` after the reading used last."""
-        was_late = self.since > 0.0
-        self.since = 0.0
+        was_late = self.reading_age > 0.0
+        self.reading_age = 0.0
         innovation = remainder(reading - self._angle - self.velocity * elapsed, TURN)
         if abs(innovation) <= self._noise_limit and elapsed <= LATE_PERIODS * period:
             self.innovation = abs(innovation) / self._scale
@@ -287,12 +297,12 @@ class JointMonitor:
         else:
             self._last_innovation = nan
             limit = self.limit(elapsed, period) + abs(self.velocity) * timing
-            step = innovation
-            if not was_late:
-                step = remainder(change - self.velocity * elapsed, TURN)
             is_late = was_late or elapsed > LATE_PERIODS * period
-            if self._leaves(reading, innovation, elapsed, period, limit, is_late):
-                self._depart(reading, step, elapsed)
+            if self._note_large(reading, innovation, elapsed, period, limit, is_late):
+                step = (
+                    innovation if was_late else remainder(change - self.velocity * elapsed, TURN)
+                )
+                self._leave_motion(reading, step, elapsed)
                 return
             if elapsed > FORGET_PERIODS * period:
                 self._angle = reading
@@ -302,41 +312,40 @@ class JointMonitor:
         self.velocity += BETA * innovation / max(elapsed, period)
 
     def _note_change(self, change: float) -> None:
-        """Note the change of the reading: repeats, changes up and down, the resolution."""
+        """Note the change of the reading, rad: repeats, reversals, the resolution."""
         if change == 0.0:
-            self.run += 1
+            self.repeats += 1
             return
-        self.run = 0
+        self.repeats = 0
         if self._reversals < REVERSALS:
-            self._reversals += change * self._change < 0.0
-            self._change = change
+            self._reversals += change * self._last_change < 0.0
+            self._last_change = change
         if -self._resolution < change < self._resolution:
             self._resolution = abs(change)
             self.allow(self._allowed)
 
     def _hold(self, reading: float, elapsed: float) -> None:
-        """Take a repeated reading: a slow encoder has no new one, or the joint has stopped."""
-        if elapsed <= HOLD:
-            self.since = elapsed
+        """Note a repeated reading: a slow encoder has no new one yet, or the joint has stopped."""
+        if elapsed <= REPEAT_TIME:
+            self.reading_age = elapsed
         else:
             self._angle = reading
             self.velocity = 0.0
-            self.since = 0.0
+            self.reading_age = 0.0
 
     def _follow_noise(self, innovation: float) -> None:
         """Average the square of the difference between two innovations of a slow joint."""
         difference = innovation - self._last_innovation
         square = difference * difference
-        mean = self._square
-        if square > OUTLIER * mean:
-            # One step is not noise.
-            square = OUTLIER * mean
+        mean = self._mean_square
+        # One step is not noise.
+        square = min(square, OUTLIER * mean)
         if square == square:
             if self._learnt < NOISE_SAMPLES:
                 self._learnt += 1.0
-            self._square = mean + (square - mean) / self._learnt
+            self._mean_square = mean + (square - mean) / self._learnt
 
-    def _leaves(
+    def _note_large(
         self,
         reading: float,
         innovation: float,
@@ -345,7 +354,7 @@ class JointMonitor:
         limit: float,
         is_late: bool,
     ) -> bool:
-        """Note a large innovation; return whether the joint leaves its motion."""
+        """Note a large innovation, rad; return whether it is beyond the limit (rad)."""
         size = abs(innovation)
         if size > limit and is_late:
             # It may have stopped meanwhile, or the reading be as old as the last sample.
@@ -356,10 +365,10 @@ class JointMonitor:
         self.innovation = size * deviation(1.0) / (self._scale * deviation(periods))
         return size > limit
 
-    def _depart(self, reading: float, step: float, elapsed: float) -> None:
-        """Leave the motion by a step, or also a new one: no joint moves like that."""
+    def _leave_motion(self, reading: float, step: float, elapsed: float) -> None:
+        """Leave the motion by a step, rad: certainly so if it leaves two motions shortly after."""
         if self._left is None:
-            self._leave(reading, step, elapsed)
+            self._depart(reading, step, elapsed)
         else:
             self._known = 0
             self.step = Step.CERTAIN
@@ -374,14 +383,14 @@ class JointMonitor:
                 if abs(change) > self._speed * dt + self._noise_limit:
                     self.velocity = 0.0
                     self.distance = abs(change)
-                    self._leave(reading, change, dt)
+                    self._depart(reading, change, dt)
                     return
             self.velocity = change / dt
         self._angle = reading
         self._known += 1
 
-    def _leave(self, reading: float, change: float, elapsed: float) -> None:
-        """Remember the motion that the joint leaves, and the step by which it does so."""
+    def _depart(self, reading: float, change: float, elapsed: float) -> None:
+        """Remember the motion that the joint leaves, and the change (rad) by which it does so."""
         self._left = LeftMotion(angle=self._angle, velocity=self.velocity, elapsed=elapsed)
         self._departure = Departure(reading=reading, elapsed=elapsed, step=change)
         self.away = 1
@@ -389,7 +398,7 @@ class JointMonitor:
         is_certain = abs(change) > self._speed * elapsed + self._noise_limit
         self.step = Step.CERTAIN if is_certain else Step.SUSPECTED
 
-    def _is_away(
+    def _follow_away(
         self,
         left: LeftMotion,
         reading: float,
@@ -397,7 +406,7 @@ class JointMonitor:
         dt: float,
         period: float,
     ) -> bool:
-        """Compare a reading with the motion that the joint left; whether the sample is done."""
+        """Compare a reading with the motion that the joint left; return whether that is all."""
         elapsed = left.elapsed + dt
         self.distance = abs(remainder(reading - left.angle - left.velocity * elapsed, TURN))
         self.innovation = self.distance / self._scale

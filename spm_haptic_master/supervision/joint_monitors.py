@@ -15,20 +15,22 @@ from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
 from spm_haptic_master.supervision.sample import Angles
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
-# Largest innovation of a quiet joint: a healthy one exceeds it once in two million samples.
+# Largest innovation of a quiet joint, in standard deviations: a healthy one exceeds it once in two
+# million samples.
 HEALTHY_DEVIATIONS = 5.0
 # Samples after which a quiet joint is on its motion: half a period of 50 Hz at 1 kHz.
 QUIET_SAMPLES = 10
 JITTER_DEVIATIONS = 4.0  # mean deviations of the jitter that a stamp may be off by
-# Ratios of measured to configured noise that count, and that are a caution: more than an average
-# over 256 samples reaches by chance, with 12 bits; jitter of sampling may add a quarter.
+# Measured over configured noise: above the first the limits widen, above the second it is a
+# caution. An average over 256 samples does not reach the first by chance, with 12 bits; jitter of
+# the sampling may add a quarter.
 NOISE_FACTOR = 1.25
 NOISE_CAUTION = 1.5
 
 
 class JointMonitors:
     """
-    One monitor a joint.
+    A monitor for each joint, and what they show beside each other.
 
     Parameters
     ----------
@@ -61,6 +63,7 @@ class JointMonitors:
             JointMonitor(deviation, threshold, limits.joint_acceleration, limits.joint_speed)
             for deviation in sigma
         )
+        # By sensor, its joint with the ends of its range, rad.
         self._watched = tuple(
             enumerate(zip(self._joints, limits.joint_min, limits.joint_max, strict=True))
         )
@@ -68,8 +71,9 @@ class JointMonitors:
         self.bias = limits.bias
         self.parity_bias = limits.parity_bias
         self.samples = 0
-        # The sample in which each joint was last not quiet, and whether the device vibrates.
+        # Number of the sample in which each joint was last not quiet.
         self._disturbed = [0] * len(sigma)
+        # Whether the device vibrates: a joint seems noisier than the parity allows.
         self._vibrates = False
 
     def follow(
@@ -105,9 +109,7 @@ class JointMonitors:
             range.
 
         """
-        skew = self._limits.skew
-        timing = skew + JITTER_DEVIATIONS * jitter
-        is_late = skew > 0.0
+        timing = self._limits.skew + JITTER_DEVIATIONS * jitter
         is_away = False
         symptoms: list[Symptom] = []
         self.samples += 1
@@ -117,31 +119,33 @@ class JointMonitors:
                 joint.reset_motion()
                 continue
             joint.follow(reading, dt, period, timing)
-            if joint.since:
-                is_late = True
             if joint.innovation > HEALTHY_DEVIATIONS:
                 self._disturbed[sensor] = self.samples
             if sensor in left_out:
                 continue
             if joint.away:
                 is_away = True
-            if joint.run >= self._frozen_run and joint.repeats_are_rare:
-                symptoms.append(_frozen(sensor, joint.run + 1))
+            if joint.repeats >= self._frozen_run and joint.repeats_are_rare:
+                symptoms.append(_frozen(sensor, joint.repeats + 1))
             if not low <= reading <= high:
                 symptoms.append(_out_of_range(sensor, reading))
-        self._allow_for_delay(skew, is_late)
+        self._allow_for_delay()
         return is_away, symptoms
 
-    def _allow_for_delay(self, skew: float, is_late: bool) -> None:
+    def _allow_for_delay(self) -> None:
         """
-        Widen the biases by what the joints move in the skew, s, and while a reading is late.
+        Widen the biases by what the joints move in the skew, and while a reading is late.
 
         A slower encoder than the bus repeats a reading, which may be that old.
         """
         self.bias = self._limits.bias
         self.parity_bias = self._limits.parity_bias
-        if is_late:
-            moved = [abs(joint.velocity) * (skew + joint.since) for joint in self._joints]
+        delays = [self._limits.skew + joint.reading_age for joint in self._joints]
+        if any(delays):
+            moved = [
+                abs(joint.velocity) * delay
+                for joint, delay in zip(self._joints, delays, strict=True)
+            ]
             self.bias = tuple(map(add, self.bias, moved))
             self.parity_bias += hypot(*moved)
 
@@ -153,7 +157,7 @@ class JointMonitors:
         """
         Return the sensors that left their motion, if all others have been quiet for some samples.
 
-        An impact or a vibration of the device moves every joint; a fault moves its own.
+        An impact or a vibration of the device moves every joint; a fault moves only its own.
         """
         left = self.left(used)
         others = [sensor for sensor in used if sensor not in left]
@@ -165,18 +169,27 @@ class JointMonitors:
     def jumps(
         self,
         used: Collection[int],
-        hidden: Collection[int],
+        unseen: Collection[int],
         is_gap: bool,
     ) -> list[Symptom]:
         """
         Return the sensors that left their motion alone, each by a step, where no parity shows it.
 
-        The parity cannot check the hidden ones; of four, several that certainly jump may cancel in
-        it. A gap may hide whether it was a step: then it is a fault at once.
+        Parameters
+        ----------
+        used : collection of int
+            Places of the sensors in use. Of four, several that certainly jump may cancel in the
+            parity.
+        unseen : collection of int
+            Sensors whose jump the parity may not show.
+        is_gap : bool
+            Whether samples are missing, which may hide whether it was a step: it is a fault at
+            once then.
+
         """
         alone = self.alone(used, QUIET_SAMPLES)
         is_single = len(alone) == 1
-        is_seen = alone[0] not in hidden if is_single else len(used) != FOUR
+        is_seen = alone[0] not in unseen if is_single else len(used) != FOUR
         if is_seen:
             return []
         least = Step.SUSPECTED if is_gap or is_single else Step.CERTAIN

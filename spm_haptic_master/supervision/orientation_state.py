@@ -28,7 +28,7 @@ class Condition(Enum):
     SILENT = 'silent'
 
 
-# Conditions with a reason.
+# Conditions whose words have a reason.
 EXPLAINED = frozenset((Condition.DEGRADED, Condition.SILENT))
 
 
@@ -82,9 +82,9 @@ class StateMachine:
     Attributes
     ----------
     announced : OrientationState
-        The state that was assigned last.
-    since : int or None
-        Stamp of the first sample since a restart that was given to `enter`, ns; None before.
+        The state after the latest sample: the same object until it changes.
+    waiting_since : int or None
+        Stamp of the first sample since a restart that was withheld, ns; None before.
     published : int or None
         Stamp of the latest orientation published since a restart, ns; None before.
 
@@ -96,44 +96,37 @@ class StateMachine:
 
     def restart(self) -> None:
         """Wait for a first orientation again."""
-        self.since: int | None = None
+        self.waiting_since: int | None = None
         self.published: int | None = None
 
-    def enter(
-        self,
-        now: int,
-        fault: str,
-        cause: Symptom | None,
-        reservations: str,
-    ) -> None:
-        """
-        Assign the state: withheld for a fault (its words) or a cause, or published.
+    def publish(self, stamp: int, reservations: str) -> None:
+        """Note an orientation, published at a stamp, ns; its reservations are in words."""
+        self.published = stamp
+        degraded = OrientationState(Condition.DEGRADED, reservations)
+        self._announce(degraded if reservations else HEALTHY)
 
-        `now` is the time of the sample, ns, which never goes back.
-        """
-        if self.since is None:
-            self.since = now
+    def withhold(self, now: int, fault: str, cause: Symptom) -> None:
+        """Note a sample that is withheld at a time, ns, for a fault (its words) or a cause."""
+        if self.waiting_since is None:
+            self.waiting_since = now
         if fault:
-            announced = silent(fault)
-        elif cause is None:
-            announced = HEALTHY
-            if reservations:
-                announced = OrientationState(Condition.DEGRADED, reservations)
-        elif self._awaits_first(now, cause):
-            announced = STARTING
-        elif self._is_brief(now):
-            return
-        else:
-            announced = silent(cause.words)
-        if announced != self.announced:
-            self.announced = announced
+            self._announce(silent(fault))
+        elif self._awaits_first(now - self.waiting_since, cause):
+            self._announce(STARTING)
+        elif not self._is_brief(now):
+            self._announce(silent(cause.words))
 
-    def _awaits_first(self, now: int, cause: Symptom) -> bool:
-        """Whether only further samples are awaited for the first orientation."""
-        if self.published is not None or self.since is None:
+    def _announce(self, state: OrientationState) -> None:
+        """Assign the state: the only place."""
+        if state != self.announced:
+            self.announced = state
+
+    def _awaits_first(self, waited: int, cause: Symptom) -> bool:
+        """Whether only further samples are awaited for the first orientation, after a time, ns."""
+        if self.published is not None:
             return False
         is_starting = cause.reason is Reason.STARTING or cause.severity > Severity.WITHHOLD
-        return is_starting or now - self.since < BRIEF
+        return is_starting or waited < BRIEF
 
     def _is_brief(self, now: int) -> bool:
         """Whether a silence is too short to change the state."""

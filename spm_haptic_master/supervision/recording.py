@@ -108,8 +108,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.ravel().tolist() if value.ndim else value.item()
     if isinstance(value, (list, tuple)):
-        plain = [_plain(each) for each in value]
-        if all(isinstance(each, list) for each in plain):
+        plain = [_plain(item) for item in value]
+        if all(isinstance(item, list) for item in plain):
             return [number for row in plain for number in row]
         return plain
     return value
@@ -120,26 +120,45 @@ def run(
     readings: NDArray[np.float64],
     values: Values,
     progress: Callable[[int], None] | None = None,
-    withheld: float = inf,
+    most_withheld: float = inf,
 ) -> Supervised:
     """
     Run recorded samples through the supervision that checked settings describe.
 
-    `times` (n,) are ns, `readings` (n, N) rad, `values` those of `FKM_SETTINGS`. `progress` is
-    called with the number of samples done, every `PROGRESS_SAMPLES`. The run stops after more
-    than `withheld` samples that are not published; the rest is not published. SettingError where
-    settings contradict each other.
+    Parameters
+    ----------
+    times : ndarray of int, shape (n,)
+        Stamps, ns.
+    readings : ndarray, shape (n, N)
+        Angles of the N sensors, rad; NaN of a sensor without a reading.
+    values : mapping
+        Checked values of `FKM_SETTINGS` by name.
+    progress : callable, optional
+        Called with the number of samples done, every `PROGRESS_SAMPLES`.
+    most_withheld : float
+        The run stops after more samples that are not published; the rest is not published.
+
+    Returns
+    -------
+    Supervised
+        As of `supervise`.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other.
+
     """
     supervisor = make_supervisor(values)
     mounting = mounting_from(values)
     n, sensors = readings.shape
     result = Supervised(
-        np.zeros(n, bool),
-        np.full((n, 4), np.nan),
-        np.full((n, 3, 3), np.nan),
-        np.full(n, np.nan),
-        np.full((n, sensors), np.inf),
-        np.full((n, sensors), np.inf),
+        published=np.zeros(n, bool),
+        quaternion=np.full((n, 4), np.nan),
+        covariance=np.full((n, 3, 3), np.nan),
+        protection_level=np.full(n, np.nan),
+        unchecked=np.full((n, sensors), np.inf),
+        bounds=np.full((n, sensors), np.inf),
     )
     announced = None
     samples = zip(times.tolist(), readings.tolist(), strict=True)
@@ -157,7 +176,7 @@ def run(
             result.protection_level[index] = degrees(verdict.protection_level)
         elif verdict.cause is not None:
             result.reasons[verdict.cause.words] += 1
-            if result.reasons.total() > withheld:
+            if result.reasons.total() > most_withheld:
                 break
         result.unchecked[index] = supervisor.unchecked()
         result.bounds[index] = np.degrees(supervisor.parts)
@@ -168,6 +187,7 @@ def run(
 
 
 def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    """Return stamps (ns) and angles (rad) as arrays; InputError for another shape or kind."""
     try:
         times = np.asarray(stamps)
         readings = np.asarray(angles)

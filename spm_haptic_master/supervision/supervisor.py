@@ -169,11 +169,8 @@ class Supervisor:
         sample = self._sample(readings)
         if cause is not None:
             return self._bad(sample, [cause])
-        for symptom in (self._too_noisy(sample), self._contradiction(sample)):
-            if symptom is not None:
-                symptoms.append(symptom)
-        if jumps_in_gap:
-            symptoms += self._staying(jumps_in_gap)
+        symptoms += self._contradictions(sample)
+        symptoms += self._staying(jumps_in_gap)
         if is_away:
             # What the parity sees is bad anyway: the jump gives it its name.
             symptoms += self._jumps(is_gap, any_step=is_gap or bool(symptoms))
@@ -199,7 +196,7 @@ class Supervisor:
         jumps = self._jumps(is_gap=True, any_step=True)
         if not tick.restarts:
             return jumps
-        self.latch.latch_suspected(self._clock.now, jumps)
+        self.latch.latch_jumps(self._clock.now, jumps)
         self._restart()
         return []
 
@@ -228,6 +225,11 @@ class Supervisor:
             period=clock.period,
         )
 
+    def _contradictions(self, sample: Sample) -> list[Symptom]:
+        """Return what all sensors together show of a sample: noise, then its solution."""
+        symptoms = self._too_noisy(sample), self._solve(sample)
+        return [symptom for symptom in symptoms if symptom is not None]
+
     def _too_noisy(self, sample: Sample) -> Symptom | None:
         """
         Evaluate the joints' noise every `NOISE_PERIOD` samples; return a sensor that is too noisy.
@@ -243,7 +245,7 @@ class Supervisor:
         self.joints.follow_noise(used.noise_bounds())
         return used.too_noisy(sample) if used.entries > 1 and self._may_exclude() else None
 
-    def _contradiction(self, sample: Sample) -> Symptom | None:
+    def _solve(self, sample: Sample) -> Symptom | None:
         """
         Solve a sample by the sensors in use; return what contradicts it.
 
@@ -346,10 +348,9 @@ class Supervisor:
         self.latch.end()
         self._exposure.interrupt()
         estimate = self._sensors.used.estimate
-        if estimate is None:
-            return self._withhold(withheld(Reason.UNDETERMINED, 'no orientation'))
-        self._rivals.last = Place(sample.stamp, estimate.quaternion)
-        self.parts = self._rivals.follow(sample, self.alert_limit)
+        if estimate is not None:
+            self._rivals.last = Place(sample.stamp, estimate.quaternion)
+            self.parts = self._rivals.follow(sample, self.alert_limit)
         return self._consistent(sample)
 
     def _consistent(self, sample: Sample) -> Verdict:
@@ -368,8 +369,9 @@ class Supervisor:
         symptom = self._watch_left_out(sample, here)
         if symptom is not None:
             return self._bad(sample, [symptom])
-        if self.latch.fault is not None and not self._end_fault(sample.stamp):
-            return self._withhold(self.latch.fault.symptom)
+        fault = self.latch.fault
+        if fault is not None and not self.latch.end_if_over(self._exposure, sample.stamp):
+            return self._withhold(fault.symptom)
         self._sensors.end_trials()
         level = protection_level(self.parts, self.alert_limit, worth.healthy)
         cause = self._unworthy(sample.stamp, worth.deviation, level)
@@ -390,13 +392,6 @@ class Supervisor:
             self._undetermined = sample.stamp
         self._rivals.last = here
         return here
-
-    def _end_fault(self, stamp: int) -> bool:
-        """End the latched fault if it is over with a consistent sample; return whether it is."""
-        is_over = self.latch.clears(self._exposure, stamp)
-        if is_over:
-            self.latch.end()
-        return is_over
 
     def _withhold_unworthy(self, stamp: int, cause: Symptom) -> Verdict:
         """Withhold a consistent orientation that is not worth enough."""
@@ -431,9 +426,7 @@ class Supervisor:
             estimate = estimate.with_orientation(quaternion, estimate.covariance)
         reservations = self._sensors.words or (SERIES if self.latch.is_series else '')
         self._last = quaternion, sample.angles
-        self._state.published = sample.stamp
-        if self._state.announced is not HEALTHY or reservations:
-            self._state.enter(sample.stamp, '', None, reservations)
+        self._state.publish(sample.stamp, reservations)
         return Verdict(self._state.announced, estimate, level)
 
     def _undetermine(self, sample: Sample) -> Verdict:
@@ -456,27 +449,26 @@ class Supervisor:
         sensor that has not been checked, or not for too long.
         """
         limits = self._limits
-        clean = self.latch.clean
-        if self._state.published is None and clean < limits.start_samples:
-            return withheld(
-                Reason.STARTING, f'{clean} consistent samples of {limits.start_samples}'
-            )
+        samples = self.latch.consistent
+        due = limits.start_samples
+        if self._state.published is None and samples < due:
+            return withheld(Reason.STARTING, f'{samples} consistent samples of {due}')
         if deviation > limits.deviation:
-            return withheld(
-                Reason.UNDETERMINED,
-                f'standard deviation {deviation:.4f} rad, limit {limits.deviation:g}',
-            )
+            detail = f'standard deviation {deviation:.4f} rad, limit {limits.deviation:g}'
+            return withheld(Reason.UNDETERMINED, detail)
         if level > self.alert_limit:
             detail = f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}'
             cautions = self.joints.cautions().values()
             return withheld(Reason.UNPROTECTED, ', '.join([detail, *cautions]))
         return self._exposure.overdue(stamp, limits, self._sensors.left_out)
 
-    def _withhold(self, cause: Symptom | None) -> Verdict:
+    def _withhold(self, cause: Symptom) -> Verdict:
         """Return the verdict of a sample that is not published, and let the state follow."""
-        why = self.latch.words or self._interruption()
-        self._state.enter(self._clock.now, why, cause, '')
-        return Verdict(self._state.announced, None, inf, cause)
+        fault = self.latch.words or self._interruption()
+        self._state.withhold(self._clock.now, fault, cause)
+        return Verdict(
+            announced=self._state.announced, estimate=None, protection_level=inf, cause=cause
+        )
 
     def _interruption(self) -> str:
         """
@@ -484,14 +476,14 @@ class Supervisor:
 
         Empty if nothing does, or not for longer than `START_TIME` and the samples of a start.
         """
-        latest = self.latch.latest
-        since = self._state.since
-        first = self._limits.start_samples
-        if latest is None or since is None or self._state.published is not None:
+        cause = self.latch.latest_cause
+        since = self._state.waiting_since
+        due = self._limits.start_samples
+        if cause is None or since is None or self._state.published is not None:
             return ''
-        longest = START_TIME + first * self._clock.period
+        longest = START_TIME + due * self._clock.period
         is_start = (self._clock.now - since) * 1e-9 <= longest
-        return '' if is_start or self.latch.clean >= first else latest.words
+        return '' if is_start or self.latch.consistent >= due else cause.words
 
     def _restart(self) -> None:
         """
@@ -535,11 +527,11 @@ class Supervisor:
 
         """
         state = self._state
-        is_all = state.announced is HEALTHY and not self._sensors.left_out
+        is_all = state.announced == HEALTHY and not self._sensors.left_out
         return self._last if is_all and state.published == self._clock.now else None
 
     def unchecked(self) -> tuple[float, ...]:
-        """Return the seconds since each sensor was last checked by the others; inf before."""
+        """Return the seconds since each sensor was last checked; inf before the first time."""
         return self._exposure.times(self._clock.now)
 
     def cautions(self) -> dict[str, str]:

@@ -272,7 +272,7 @@ def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> floa
             stamps,
             angles,
             fkm | {'alert_limit_deg': limit},
-            withheld=(1.0 - PUBLISHED) * len(stamps),
+            most_withheld=(1.0 - PUBLISHED) * len(stamps),
         )
         return bool(result.published.mean() >= PUBLISHED)
 

@@ -46,7 +46,7 @@ def times(count=ONSET + 200, dt=DT):
 
 def follow(monitor, readings, dt=DT, period=DT):
     """Return what the monitor shows after each reading, by attribute."""
-    names = 'away', 'step', 'returned', 'velocity', 'since'
+    names = 'away', 'step', 'returned', 'velocity', 'reading_age'
     rows = []
     for reading in readings:
         monitor.follow(reading, dt, period, 0.0)
@@ -199,14 +199,14 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
     assert not seen['away'].any()
     assert seen['velocity'][ONSET:] == pytest.approx(3.0, abs=1.0)
     expected = np.arange(ONSET, ONSET + 200) % every * DT
-    assert seen['since'][ONSET:] == pytest.approx(expected)
+    assert seen['reading_age'][ONSET:] == pytest.approx(expected)
     if every in (2, 4):
         # One that stops is at rest where it was.
         before = readings[: ONSET + 1]
         seen = follow(joint(), before + 50 * [readings[ONSET]])
         assert not seen['away'].any()
         assert seen['velocity'][-1] == 0.0
-        assert seen['since'][-1] == 0.0
+        assert seen['reading_age'][-1] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -234,10 +234,10 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
     # At the angle that is farthest from its neighbours.
     for reading in encoder(0.0 * times(10_000)):
         monitor.follow(reading, DT, DT, 0.0)
-        assert monitor.run < 20
+        assert monitor.repeats < 20
     assert monitor.repeats_are_rare
     follow(monitor, [reading + radians(0.1)] * 31)
-    assert monitor.run == 30
+    assert monitor.repeats == 30
     assert monitor.repeats_are_rare
 
 

@@ -40,7 +40,7 @@ def latched(stamp):
 
 def clears(latch, stamp):
     """Return whether a consistent sample ends the fault; the others have checked no sensor."""
-    return latch.clears(SimpleNamespace(is_cleared=lambda sensor, since: False), stamp)
+    return latch.end_if_over(SimpleNamespace(is_cleared=lambda sensor, since: False), stamp)
 
 
 def test_an_acknowledgement_does_not_end_what_came_after_it():
@@ -165,11 +165,11 @@ def test_bad_samples_with_a_long_gap_between_are_not_in_a_row():
 def test_a_sample_that_is_not_determined_is_no_clean_one_of_the_start():
     rig = Rig(pose=(0.0, 0.0, 20.0), healthy=False)
     rig.samples(2)
-    clean = rig.supervisor.latch.clean
+    clean = rig.supervisor.latch.consistent
     rig.supervisor._sensors.used.solve = lambda sample: None
     rig.supervisor._sensors.used.estimate = None
     rig.samples(1)
-    assert rig.supervisor.latch.clean == clean
+    assert rig.supervisor.latch.consistent == clean
 
 
 # Findings 9, 13, 16, 17, 18, 22 ------------------------------------------------------------------
