@@ -4,7 +4,7 @@
 """Figures, plots and the encoders' states: of what is known now, and a dash for all else."""
 
 import json
-from math import nan, radians
+from math import isnan, nan, radians
 
 from contrast import contrast, DARK_PAGE, WHITE_PAGE
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -148,10 +148,11 @@ def test_the_bars_of_the_dexterity(dexterities, lights):
     for entries, expected in ((CLEAR, lights), ({}, (Light.GREY, Light.GREY))):
         rows = figures(entries, dexterities=dexterities)['rows']
         bars = [row for row in rows if row['share'] is not None]
-        assert [bar['colour'] for bar in bars] == [light.colour for light in expected]
         for value, bar, light in zip(dexterities or (nan, nan), bars, expected, strict=True):
-            if value != value:
-                assert (bar['text'], bar['share']) == (DASH, 0.0)
+            assert bar['colour'] == light.colour
+            if isnan(value):
+                assert bar['text'] == DASH
+                assert bar['share'] == 0.0
             else:
                 assert bar['text'] == f'{value:.3f} {light.sign}'
                 assert bar['share'] == pytest.approx(value / 0.2)
@@ -251,17 +252,29 @@ def test_without_a_devices_news_there_are_the_same_rows_with_dashes(rows, name):
     assert nothing[name] == DASH
 
 
-def test_the_plots_have_named_limits_and_the_sample_what_they_show():
+@pytest.fixture(scope='module')
+def plotted():
+    """Return the plots of a device by their names, and the values that they show."""
     found = figures(CLEAR, torques=(0.2, 0.1), ghost=radians(5.0))
     plots = {plot['key']: plot for plot in found['plots']}
-    assert plots.keys() == found['sample']['values'].keys()
+    return plots, found['sample']['values']
+
+
+def test_each_plot_has_a_value_for_each_of_its_series(plotted):
+    plots, values = plotted
+    assert plots.keys() == values.keys()
     for key, plot in plots.items():
-        assert len(plot['series']) == len(found['sample']['values'][key])
-    named = [(limit['name'], limit['value']) for limit in plots['dexterity']['limits']]
-    assert named == [('warning', 0.059), ('error', 0.033)]
+        assert len(plot['series']) == len(values[key])
+    assert values['torque'] == [0.2, 0.1]
+    assert values['ghost'] == pytest.approx([5.0])
+
+
+def test_the_plots_have_named_limits(plotted):
+    plots, _ = plotted
+    warning, error = plots['dexterity']['limits']
+    assert (warning['name'], warning['value']) == ('warning', 0.059)
+    assert (error['name'], error['value']) == ('error', 0.033)
     assert [limit['name'] for limit in plots['level']['limits']] == ['alert']
-    assert found['sample']['values']['torque'] == [0.2, 0.1]
-    assert found['sample']['values']['ghost'] == pytest.approx([5.0])
     # What a story is about is at the top of the panel.
     assert [key for key, plot in plots.items() if plot['on_top']] == ['ghost', 'dexterity']
 
@@ -279,8 +292,8 @@ def test_a_silence_is_one_event_however_long_it_lasts(shown):
     assert shown.text == 'silent: nothing from fkm, no joint_states for 6 s'
 
 
-def test_a_page_that_opens_gets_the_script_and_the_newest_news(serve, shown):
-    """It has all that is shown of a device that is healthy, then silent."""
+def shown_in_full(shown):
+    """Let a device that is healthy have all that is shown of one."""
     shown.begin(
         source='sim',
         sensors=5,
@@ -301,7 +314,11 @@ def test_a_page_that_opens_gets_the_script_and_the_newest_news(serve, shown):
 
     shown.run(0.5, healthy)
     shown.arm._page.refresh()
-    news = news_of(shown.server)
+    return news_of(shown.server)
+
+
+def test_a_page_that_opens_gets_all_that_is_shown_of_a_device(serve, shown):
+    news = shown_in_full(shown)
     (device,) = news['devices']
     assert device['banner']['text'] == 'healthy'
     assert device['banner']['sign'] == '\u2713'
@@ -314,6 +331,11 @@ def test_a_page_that_opens_gets_the_script_and_the_newest_news(serve, shown):
     assert rows['force'] == 'engaged'
     assert rows['calibration'] == 'made today'
     assert rows['alert limit'] == '2\u00b0'
+
+
+def test_a_page_that_opens_later_gets_the_newest_news(serve, shown):
+    """The device has fallen silent meanwhile."""
+    news = shown_in_full(shown)
     shown.say('state', 'silent: joint_1b stuck')
     shown.run(0.25)
     later = news_of(shown.server)
@@ -327,8 +349,11 @@ def test_a_page_that_opens_gets_the_script_and_the_newest_news(serve, shown):
         'sign': '\u2715',
         'alive': False,
     }
-    # A heartbeat that ends is no lead.
-    shown.run(1.0, shown.pose)
+
+
+def test_a_heartbeat_of_teleop_that_ends_is_no_lead(serve, shown):
+    shown_in_full(shown)
+    shown.run(1.25, shown.pose)
     assert shown.rows['slave'] == 'no news from teleop: not led'
 
 

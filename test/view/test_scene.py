@@ -78,25 +78,35 @@ def test_every_surface_is_seen_from_outside(shown):
         assert np.linalg.det(handle.vertices.astype(float)[handle.faces]).sum() > 0.0
 
 
+def about_z(degrees):
+    """Return the quaternion of a turn about z."""
+    half = radians(0.5 * degrees)
+    return (0.0, 0.0, sin(half), cos(half))
+
+
+def parts_shown(ghost):
+    """Return whether each part that shows three encoders alone is visible."""
+    return [
+        ghost.platform.visible,
+        ghost.sector.visible,
+        ghost.words.visible,
+    ]
+
+
 @pytest.mark.parametrize('angle', [-14.0, 1.1, 90.0, 179.0])
 def test_three_encoders_that_are_wrong_have_a_sector_between_the_two_flags(shown, angle):
     """From the device's flag to theirs, with the error in words; below 1 deg there is nothing."""
     ghost = drawn(shown).ghost
-    half = radians(0.5 * angle)
-    ghost.show((0.0, 0.0, sin(half), cos(half)))
-    assert ghost.platform.visible
-    assert ghost.sector.visible
-    assert ghost.words.visible
+    ghost.show(about_z(angle))
+    assert parts_shown(ghost) == [True, True, True]
     assert ghost.words.text == f'three encoders: {abs(angle):.0f}\u00b0 off'
     rim = ghost.sector.vertices[1:].astype(float) - ghost.sector.vertices[0]
     directions = np.degrees(np.arctan2(rim[:, 1], rim[:, 0]))
     assert directions[[0, -1]] == pytest.approx([0.0, angle], abs=1e-3)
     assert np.abs(np.diff(directions)).max() < 10.0
-    for turn in ((0.0, 0.0, sin(radians(0.45)), cos(radians(0.45))), None):
+    for turn in (about_z(0.9), None):
         ghost.show(turn)
-        assert not (ghost.platform.visible)
-        assert not (ghost.sector.visible)
-        assert not (ghost.words.visible)
+        assert parts_shown(ghost) == [False, False, False]
 
 
 def test_each_encoder_has_its_sign_at_its_name_where_something_is_wrong(shown):
