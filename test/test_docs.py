@@ -188,35 +188,41 @@ def test_commands_of_the_evidence_exist(page, tmp_path):
 TEST = re.compile(r'`([\w/]+?)(?:\.py)?::(\w+)`')
 
 
-def test_each_hazard_is_held_by_tests_that_exist():
-    known = [
-        f'/{path.relative_to(ROOT).with_suffix("")}::{name}'
-        for path in (ROOT / 'test').rglob('test_*.py')
-        for name in re.findall(r'^def (test_\w+)', text_of(path), re.MULTILINE)
-    ]
-    section = section_of('safety.md', 'Hazards')
-    header, _, *rows = [
-        tuple(cell.strip() for cell in line.strip('|').split('|'))
-        for line in section.splitlines()
-        if line.startswith('|')
-    ]
+def known_tests():
+    """Return the name of each test behind that of its file."""
+    found = []
+    for path in (ROOT / 'test').rglob('test_*.py'):
+        file = path.relative_to(ROOT).with_suffix('')
+        for name in re.findall(r'^def (test_\w+)', text_of(path), re.MULTILINE):
+            found.append(f'/{file}::{name}')
+    return found
+
+
+def hazards():
+    """Return the header and the rows of the table of hazards."""
+    lines = section_of('safety.md', 'Hazards').splitlines()
+    rows = [line.strip('|').split('|') for line in lines if line.startswith('|')]
+    header, _, *rows = [[cell.strip() for cell in row] for row in rows]
+    return header, rows
+
+
+def test_each_hazard_has_all_of_its_cells_and_tests_alone_in_the_last():
+    header, rows = hazards()
     assert header[-1] == 'held by'
     assert len(rows) >= 15
-    faults = [
-        f'{row[0]}: {row}'
-        for row in rows
-        if len(row) != len(header)
-        or not all(row)
-        or not TEST.search(row[-1])
-        or TEST.sub('', row[-1]).strip(' ,')
-    ]
-    faults += [
-        f'{row[0]}: there is no {test}'
-        for row in rows
-        for test in map('::'.join, TEST.findall(row[-1]))
-        if not any(each.endswith(f'/{test}') for each in known)
-    ]
-    assert not faults, '\n'.join(faults)
+    for row in rows:
+        assert len(row) == len(header), row
+        assert all(row), row
+        assert TEST.search(row[-1]), row
+        assert not TEST.sub('', row[-1]).strip(' ,'), row
+
+
+def test_each_hazard_is_held_by_tests_that_exist():
+    known = known_tests()
+    _, rows = hazards()
+    for row in rows:
+        for test in map('::'.join, TEST.findall(row[-1])):
+            assert any(each.endswith(f'/{test}') for each in known), f'{row[0]}: no {test}'
 
 
 def test_make_docs_names_the_files_that_it_changes():

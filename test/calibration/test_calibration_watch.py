@@ -43,11 +43,7 @@ def feed(
     """Feed samples at 1 Hz; return the cautions at each evaluation, and the seconds."""
     found = rig(len(drift))
     angles = found.angles(motion(seed, seconds, 1.0)) + np.radians(drift)
-    more = {
-        name: angles[:, index]
-        for index, name in ((4, 'theta3b'), (5, 'theta3c'))
-        if index < len(drift)
-    }
+    more = dict(zip(('theta3b', 'theta3c'), angles[:, 4:].T, strict=False))
     fitted = estimate(
         angles[:, :3],
         angles[:, 3],
@@ -55,15 +51,19 @@ def feed(
         found.geometry,
         **more,
     )
+    quaternions = quaternion_from_matrix(fitted.rotation).tolist()
     seen = []
-    for second, (quaternion, row) in enumerate(
-        zip(quaternion_from_matrix(fitted.rotation).tolist(), angles.tolist(), strict=True), 1
-    ):
-        into.take(tuple(quaternion), tuple(row))
+    for second, row in enumerate(angles.tolist(), 1):
+        into.take(tuple(quaternions[second - 1]), tuple(row))
         if second % 10 == 0:
             into.evaluate()
             seen.append((second, into.caution))
     return seen
+
+
+def cautions(seen):
+    """Return the cautions that were seen, each once."""
+    return {caution for _, caution in seen if caution}
 
 
 @pytest.mark.parametrize(('sensors', 'drifting'), [(4, 1), (6, 5)])
@@ -72,32 +72,31 @@ def test_a_drift_is_reported_with_sensor_and_size_within_minutes_until_it_is_ove
 ):
     found = watch(sensors)
     none = np.zeros(sensors)
-    assert {caution for _, caution in feed(found, 600, none)} == {''}
+    drift = none.copy()
+    drift[drifting] = DRIFT
+    assert not cautions(feed(found, 600, none))
     assert 0.3 < found.evaluation.merit < 1.2
-    seen = feed(
-        found,
-        1000,
-        DRIFT * np.eye(sensors)[drifting],
-        seed=6,
-    )
+    seen = feed(found, 1000, drift, seed=6)
     first = next(second for second, caution in seen if caution)
     assert first <= 300
-    drift = degrees(found.evaluation.slip[drifting])
-    assert drift == pytest.approx(DRIFT, abs=0.015)
+    estimated = degrees(found.evaluation.slip[drifting])
+    assert estimated == pytest.approx(DRIFT, abs=0.015)
     name = ALL_JOINT_NAMES[drifting]
-    assert seen[-1][1] == f'{name} drifted by {drift:.2f} deg since'
-    assert all(name in caution for _, caution in seen if caution)
-    # While the device rests, the estimate is frozen.
-    before = found.evaluation
+    assert found.caution == f'{name} drifted by {estimated:.2f} deg since'
+    assert all(name in caution for caution in cautions(seen))
+    check_frozen_at_rest(found, sensors)
+    feed(found, 1000, none, seed=6)
+    assert found.caution == ''
+
+
+def check_frozen_at_rest(found, sensors):
+    """Check that a device at rest changes no estimate."""
+    before = found.evaluation.slip
     sample = at_rest(sensors)
     assert found.take(*sample)
     assert not any(found.take(*sample) for _ in range(500))
     found.evaluate()
-    assert found.evaluation.slip[drifting] == pytest.approx(
-        before.slip[drifting], abs=radians(0.005)
-    )
-    feed(found, 1000, none, seed=6)
-    assert found.caution == ''
+    np.testing.assert_allclose(found.evaluation.slip, before, rtol=0.0, atol=radians(0.005))
 
 
 def at_rest(sensors):
@@ -116,7 +115,7 @@ def at_rest(sensors):
 def test_more_poses_than_are_kept_replace_the_oldest(monkeypatch):
     monkeypatch.setattr('spm_haptic_master.calibration.watch.calibration_watch.POSES', 8)
     found = watch(4)
-    assert {caution for _, caution in feed(found, 600, np.zeros(4))} == {''}
+    assert not cautions(feed(found, 600, np.zeros(4)))
     assert found.evaluation.freedom <= 8
 
 
@@ -124,31 +123,23 @@ def test_more_poses_than_are_kept_replace_the_oldest(monkeypatch):
 def test_all_sensors_at_their_bias_feign_no_slip_at_one_pose(sensors):
     bias = np.full(sensors, radians(0.05))
     rotation = motion(5, 1.0, 1.0)
-    found = inverse(rotation)
-    true = np.column_stack([found.theta1, found.theta3a, found.theta3b, found.theta3c])[
-        :, :sensors
-    ]
+    joints = inverse(rotation)
+    every = (
+        joints.theta1,
+        joints.theta3a,
+        joints.theta3b,
+        joints.theta3c,
+    )
+    true = np.column_stack(every)[:, :sensors]
     sigma = np.full(sensors, radians(0.001))
-    gain = parities(
-        true,
-        rotation,
-        sigma,
-        Geometry(),
-        MODE,
-    ).gain[0]
-    for row in gain:
+
+    def parities_of(angles):
+        return parities(angles, rotation, sigma, Geometry(), MODE)
+
+    for row in parities_of(true).gain[0]:
         for factor, slips in ((1.0, False), (4.0, True)):
             angles = true + factor * bias * np.sign(row)
-            sums = summed(
-                angles,
-                parities(
-                    angles,
-                    rotation,
-                    sigma,
-                    Geometry(),
-                    MODE,
-                ),
-            )
+            sums = summed(angles, parities_of(angles))
             assert evaluate(sums, bias).holds() != slips
 
 
@@ -159,8 +150,9 @@ def test_samples_that_lack_a_joint_leave_no_trace(joint):
     feed(found, 60, np.zeros(6))
     before = found.evaluation.slip
     quaternion, angles = at_rest(6)
-    lacking = tuple(np.nan if at == joint else angle for at, angle in enumerate(angles))
-    assert not any(found.take(quaternion, lacking) for _ in range(20))
+    lacking = list(angles)
+    lacking[joint] = np.nan
+    assert not any(found.take(quaternion, tuple(lacking)) for _ in range(20))
     found.evaluate()
     np.testing.assert_array_equal(found.evaluation.slip, before)
     assert found.take(quaternion, angles)

@@ -101,6 +101,11 @@ def check(found):
     assert error < 0.3 * error_deg(found, alone, zeros)
     assert not found.unusual
     assert not found.cautions
+    check_sensors(found, zeros)
+
+
+def check_sensors(found, zeros):
+    """Check noise, bias and parity of the sensors."""
     assert np.allclose(np.degrees(found.readings.noise), 0.0405, rtol=0.05)
     # No sensor is off by more than its bound, which is no more than needed.
     assert (free_motions.sensor_errors(found, RIG, zeros) < found.bias).all()
@@ -225,53 +230,70 @@ def test_any_name_of_a_log_can_be_read_back(tmp_path, name):
     assert parameter_dict_from_yaml_file(str(path), True, [])
 
 
-def test_poses_from_outside_give_the_mountings_and_improve_the_mechanism(calibration):
-    """One of a jig that of the base, a capture both."""
+# Mountings of the base and of the handle, and the noise of a pose from outside (rad).
+BASE = matrix_from_zxz(0.3, 0.2, -0.5)
+HANDLE = matrix_from_zxz(1.0, 0.4, 2.0)
+OUTSIDE_SIGMA = radians(0.05)
+
+
+def off_by(found, expected):
+    """Return how far a mounting is off, which is also by what the frames differ, rad."""
+    return np.linalg.norm(rotation_vectors((found @ expected.T)[None]))
+
+
+def poses_of_a_jig(calibration, count):
+    """Return the mounting that some exact poses of a jig give."""
     poses, read = exact(77, 100)
-    turned = read + short_motion()[3]
-    base = matrix_from_zxz(0.3, 0.2, -0.5)
-    handle = matrix_from_zxz(1.0, 0.4, 2.0)
-    sigma = radians(0.05)
-    one = mounted(
-        calibration,
-        turned[:1],
-        base @ poses[:1],
-        sigma,
-    )
+    turned = read[:count] + short_motion()[3]
+    return mounted(calibration, turned, BASE @ poses[:count], OUTSIDE_SIGMA)
+
+
+def test_one_pose_of_a_jig_gives_the_mounting_of_the_base(calibration):
+    one = poses_of_a_jig(calibration, 1)
+    poses, read = exact(77, 100)
+    turned = read[:1] + short_motion()[3]
+    at = calibration.model.orientations(turned, one.calibration.vector)
+    assert np.allclose(one.base @ at[0], BASE @ poses[0], atol=1e-6)
+    assert off_by(one.base, BASE) < radians(1.0)
+    assert (one.base_deviations >= OUTSIDE_SIGMA).all()
+    assert one.rms < 1e-9
     assert np.array_equal(one.handle, np.eye(3))
     assert not one.handle_deviations.any()
-    at = calibration.model.orientations(turned[:1], one.calibration.vector)
-    assert np.allclose(one.base @ at[0], base @ poses[0], atol=1e-6)
-    random = np.random.default_rng(5)
-    noise = sigma * random.normal(size=(len(poses), 3))
-    outside = matrix_from_vector(noise) @ base @ poses @ handle
-    found = mounted(calibration, turned, outside, sigma)
-    assert 0.8 * sigma < found.rms < 1.3 * sigma
-    assert found.calibration.error < calibration.error
-    for deviations in (found.base_deviations, found.handle_deviations):
-        assert (deviations > 0.1 * sigma).all()
-        assert (deviations < radians(0.5)).all()
-    # With what the frames of mechanism and drawing differ by.
-    off = rotation_vectors(
-        np.array([one.base, found.base, found.handle])
-        @ np.array([base, base, handle]).swapaxes(1, 2)
-    )
-    assert np.abs(off).max() < radians(1.0)
-    # Two poses say more of the base than one, and nothing of the handle.
-    two = mounted(
-        calibration,
-        turned[:2],
-        base @ poses[:2],
-        sigma,
-    )
+
+
+def test_two_poses_of_a_jig_say_more_of_the_base_and_nothing_of_the_handle(calibration):
+    one = poses_of_a_jig(calibration, 1)
+    two = poses_of_a_jig(calibration, 2)
+    assert (two.base_deviations < one.base_deviations).all()
+    assert two.rms < 0.3 * OUTSIDE_SIGMA
     assert np.array_equal(two.handle, np.eye(3))
     assert not two.handle_deviations.any()
-    assert (two.base_deviations < one.base_deviations).all()
-    assert (one.base_deviations >= sigma).all()
-    assert two.rms < 0.3 * sigma
-    assert one.rms < 1e-9
+
+
+def captured():
+    """Return readings, and noisy poses from outside, of a motion that is captured."""
+    poses, read = exact(77, 100)
+    noise = OUTSIDE_SIGMA * np.random.default_rng(5).normal(size=(len(poses), 3))
+    outside = matrix_from_vector(noise) @ BASE @ poses @ HANDLE
+    return read + short_motion()[3], outside
+
+
+def test_a_capture_gives_both_mountings_and_improves_the_mechanism(calibration):
+    turned, outside = captured()
+    found = mounted(calibration, turned, outside, OUTSIDE_SIGMA)
+    assert 0.8 * OUTSIDE_SIGMA < found.rms < 1.3 * OUTSIDE_SIGMA
+    assert found.calibration.error < calibration.error
+    assert off_by(found.base, BASE) < radians(1.0)
+    assert off_by(found.handle, HANDLE) < radians(1.0)
+    for deviations in (found.base_deviations, found.handle_deviations):
+        assert (deviations > 0.1 * OUTSIDE_SIGMA).all()
+        assert (deviations < radians(0.5)).all()
+
+
+def test_a_capture_of_another_motion_is_refused(calibration):
+    turned, outside = captured()
     with pytest.raises(CalibrationError, match='contradict the motion'):
-        mounted(calibration, turned, outside[::-1], sigma)
+        mounted(calibration, turned, outside[::-1], OUTSIDE_SIGMA)
 
 
 def test_cautions_name_what_an_engineer_should_look_at(calibration):

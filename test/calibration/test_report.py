@@ -211,23 +211,32 @@ def shown_parities(calibration):
     return place, tilt, before, np.degrees(calibration.parity[shown])
 
 
+def check_cells(axes, place, parity):
+    """Check that each cell of a map has the mean parity of the samples in it."""
+    across, along, means = cells(axes)
+    x, y = place.T
+    assert np.allclose(np.diff(across), 2.0)
+    assert np.allclose(np.diff(along), 2.0)
+    rows, columns = np.nonzero(np.isfinite(means))
+    assert len(rows) > 50
+    for row, column in zip(rows, columns, strict=True):
+        inside = (x >= across[column]) & (x < across[column + 1])
+        inside &= (y >= along[row]) & (y < along[row + 1])
+        assert means[row, column] == pytest.approx(parity[inside].mean(), abs=1e-9)
+
+
 def test_a_cell_of_the_picture_is_the_mean_parity_of_the_samples_in_it(picture):
     calibration, axes = picture
     place, _, before, after = shown_parities(calibration)
-    for number, parity in ((0, before), (1, after), (2, after)):
-        across, along, means = cells(axes[number])
-        assert np.allclose(np.diff(across), 2.0)
-        assert np.allclose(np.diff(along), 2.0)
-        compared = 0
-        for row, column in zip(*np.nonzero(np.isfinite(means)), strict=True):
-            inside = place[:, 0] >= across[column]
-            inside &= place[:, 0] < across[column + 1]
-            inside &= place[:, 1] >= along[row]
-            inside &= place[:, 1] < along[row + 1]
-            assert means[row, column] == pytest.approx(parity[inside].mean(), abs=1e-9)
-            compared += 1
-        assert compared > 50
-    # Tilt over self-rotation: the same samples, so nearly the same mean parity.
+    check_cells(axes[0], place, before)
+    check_cells(axes[1], place, after)
+    check_cells(axes[2], place, after)
+
+
+def test_tilt_over_self_rotation_is_of_the_same_samples(picture):
+    """So it has nearly the same mean parity."""
+    calibration, axes = picture
+    _, _, before, after = shown_parities(calibration)
     for number, parity in ((3, before), (4, after)):
         across, along, means = cells(axes[number])
         assert np.allclose(np.diff(across), 4.0)
@@ -238,43 +247,47 @@ def test_a_cell_of_the_picture_is_the_mean_parity_of_the_samples_in_it(picture):
 def test_the_picture_has_one_scale_for_before_and_after_and_one_of_its_own(picture):
     calibration, axes = picture
     _, _, before, _ = shown_parities(calibration)
-    for column in range(3):
-        limits = [axes[column + row].collections[0].get_clim() for row in (0, 3)]
-        assert limits[0] == limits[1]
-        assert limits[0][0] == -limits[0][1]
-    limits = [axes[column].collections[0].get_clim() for column in range(3)]
-    first, second, own = (largest for _, largest in limits)
+    scales = [each.collections[0].get_clim() for each in axes[:6]]
+    # The second row has those of the first.
+    assert scales[:3] == scales[3:]
+    (low, first), (_, second), (_, own) = scales[:3]
+    assert low == -first
     assert first == second
     assert 0.5 * np.abs(before).max() < first <= np.abs(before).max()
     assert 0.0 < own < 0.2 * first
     assert [scale.get_xlabel() for scale in axes[6:]] == ['mean parity, deg'] * 2
 
 
-def test_the_picture_names_what_it_shows_and_the_motors(picture):
+def rms_deg(parity):
+    """Return the root mean square of a parity, deg."""
+    return np.degrees(np.sqrt(np.nanmean(parity**2)))
+
+
+def test_the_picture_names_what_it_shows(picture):
     calibration, axes = picture
-    known = [
-        np.degrees(np.sqrt(np.nanmean(each**2)))
-        for each in (calibration.parity_before, calibration.parity)
-    ]
     assert [each.get_title() for each in axes[:3]] == [
-        f'before: {known[0]:.4f} deg rms',
-        f'after: {known[1]:.4f} deg rms',
+        f'before: {rms_deg(calibration.parity_before):.4f} deg rms',
+        f'after: {rms_deg(calibration.parity):.4f} deg rms',
         'after, own scale',
     ]
-    assert {each.get_xlabel() for each in axes[:3]} == {'tilt towards (1, −1, 0), deg'}
-    assert {each.get_xlabel() for each in axes[3:6]} == {'self-rotation φ, deg'}
-    names = ['tilt towards (1, 1, −2), deg', '', '', 'tilt, deg', '', '']
-    assert [each.get_ylabel() for each in axes[:6]] == names
-    # The axis of leg A's motor is z, of B's x, of C's y.
+    across = [each.get_xlabel() for each in axes[:6]]
+    assert across[:3] == ['tilt towards (1, −1, 0), deg'] * 3
+    assert across[3:] == ['self-rotation φ, deg'] * 3
+    along = [each.get_ylabel() for each in axes[:6]]
+    assert along == ['tilt towards (1, 1, −2), deg', '', '', 'tilt, deg', '', '']
+
+
+def test_the_picture_names_the_motors(picture):
+    """The axis of leg A's motor is z, of B's x, of C's y."""
+    _, axes = picture
     for each in axes[:3]:
-        angles = {
-            text.get_text(): np.degrees(np.arctan2(*text.get_position()[::-1]))
-            for text in each.texts
-        }
-        assert angles == pytest.approx({'A': -90.0, 'B': 30.0, 'C': 150.0})
         outermost = max(abs(edge) for edge in each.get_xlim())
-        distances = [np.hypot(*text.get_position()) for text in each.texts]
-        assert max(distances) < outermost
+        angles = {}
+        for text in each.texts:
+            x, y = text.get_position()
+            angles[text.get_text()] = np.degrees(np.arctan2(y, x))
+            assert np.hypot(x, y) < outermost
+        assert angles == pytest.approx({'A': -90.0, 'B': 30.0, 'C': 150.0})
 
 
 def test_the_picture_has_the_edge_of_the_region(picture):

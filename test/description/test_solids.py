@@ -37,26 +37,36 @@ def volumes(solid):
 @pytest.mark.parametrize('geometry', MECHANISMS)
 def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(geometry):
     bodies = solids.masses(geometry)
-    named = solids.solids(geometry)
-    bodies['platform'] = bodies.pop('spm_platform')
-    for name, solid in named.items():
-        edges = Counter(
-            (int(a), int(b))
-            for triangle in solid.triangles
-            for a, b in zip(triangle, np.roll(triangle, -1), strict=True)
-        )
-        assert set(edges.values()) == {1}
-        assert all((b, a) in edges for a, b in edges)
+    bodies['platform'] = bodies['spm_platform']
+    for name, solid in solids.solids(geometry).items():
+        check_closed(solid)
         # None is inside out.
         parts = volumes(solid)
         assert (parts > 0.0).all()
         if name != 'base':
             assert bodies[name].mass == pytest.approx(solids.DENSITY * parts.sum(), rel=1e-9)
             assert 0.001 < bodies[name].mass < 0.1
-    assert set(bodies) == {*named, *(f'carrier_{leg}' for leg in solids.LEGS)} - {'base'}
+
+
+def check_closed(solid):
+    """Check that each edge of a surface is passed once in each sense."""
+    edges = Counter()
+    for a, b, c in solid.triangles.tolist():
+        edges.update([(a, b), (b, c), (c, a)])
+    assert set(edges.values()) == {1}
+    backwards = {(b, a) for a, b in edges}
+    assert backwards == edges.keys()
+
+
+@pytest.mark.parametrize('geometry', MECHANISMS)
+def test_the_inertia_of_every_body_is_one_that_a_body_can_have(geometry):
+    """Positive definite, and no moment exceeds the sum of the two others."""
+    bodies = solids.masses(geometry)
+    moving = {'spm_platform', *solids.solids(geometry)} - {'base', 'platform'}
+    carriers = {f'carrier_{leg}' for leg in solids.LEGS}
+    assert set(bodies) == moving | carriers
     for body in bodies.values():
         moments = np.linalg.eigvalsh(body.inertia)
-        # Positive definite, and no moment exceeds the sum of the two others.
         assert moments[0] > 0.0
         assert moments[2] < moments[0] + moments[1]
 

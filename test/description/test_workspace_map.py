@@ -10,14 +10,22 @@ from spm_haptic_master.description.workspace_map import colour_bar, HALF_ANGLE, 
 
 CENTRE = np.ones(3) / 3.0**0.5
 # Colours of dexterity 0, 0.1, 0.2: dark red, amber, blue.
-COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)])
+COLOURS = np.array(
+    [
+        (150, 0, 20),
+        (225, 160, 30),
+        (20, 95, 160),
+    ]
+)
 
 
 def poses_of(axes, phi):
     """Return the poses of the cone with these platform axes."""
-    across, along = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / [[2.0**0.5], [6.0**0.5]]
+    across = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    along = np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
     tilts = np.arccos(np.clip(axes @ CENTRE, -1.0, 1.0))
-    return kinematics.workspace_pose(tilts, np.arctan2(axes @ along, axes @ across), phi)
+    azimuths = np.arctan2(axes @ along, axes @ across)
+    return kinematics.workspace_pose(tilts, azimuths, phi)
 
 
 # Self-rotations, one of them near the singularity at the centre, rad.
@@ -36,8 +44,10 @@ def test_its_tiles_are_evenly_over_the_cone(drawn):
     assert tilts.max() < HALF_ANGLE
     area = 2.0 * np.pi * (1 - np.cos(HALF_ANGLE))
     inner_area = 2.0 * np.pi * (1 - np.cos(0.5 * HALF_ANGLE))
-    assert np.mean(tilts < 0.5 * HALF_ANGLE) == pytest.approx(inner_area / area, abs=0.01)
-    apart = np.linalg.norm(drawn.axes - drawn.axes[:, None], axis=-1)
+    inner_share = np.mean(tilts < 0.5 * HALF_ANGLE)
+    assert inner_share == pytest.approx(inner_area / area, abs=0.01)
+    between = drawn.axes - drawn.axes[:, None]
+    apart = np.linalg.norm(between, axis=-1)
     np.fill_diagonal(apart, np.inf)
     assert apart.min() > 0.85 * np.sqrt(area / len(tilts))
 
@@ -58,15 +68,17 @@ def test_a_tile_is_the_nearer_to_the_first_colour_the_nearer_it_is_to_a_singular
     colours = drawn.colours(phi)
     grey = np.ptp(colours.astype(int), axis=1) == 0
     assert np.array_equal(grey, ~reached)
-    expected = [np.interp(eta[reached], [0.0, 0.1, 0.2], channel) for channel in COLOURS.T]
-    np.testing.assert_allclose(colours[reached], np.transpose(expected), atol=1.0)
+    for channel in range(3):
+        expected = np.interp(eta[reached], [0.0, 0.1, 0.2], COLOURS[:, channel])
+        np.testing.assert_allclose(colours[reached, channel], expected, atol=1.0)
 
 
 @EACH_PHI
 def test_its_singular_axes_are_singular_and_there_where_the_determinant_has_both_signs(drawn, phi):
     singular = drawn.singular_axes(phi)
     determinants = kinematics.parallel_determinant(poses_of(drawn.axes, phi))
-    assert bool(len(singular)) == (np.nanmin(determinants) < 0.0 < np.nanmax(determinants))
+    has_both_signs = np.nanmin(determinants) < 0.0 < np.nanmax(determinants)
+    assert bool(len(singular)) == has_both_signs
     # 1e-3 is a twentieth of a degree here.
     there = kinematics.parallel_determinant(poses_of(singular, phi))
     assert np.abs(there).max(initial=0.0) < 2e-3

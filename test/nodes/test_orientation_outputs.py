@@ -53,37 +53,48 @@ def test_k3_no_gripper_is_published_where_none_is_configured():
             assert found[-1:] == pytest.approx(expected)
 
 
-def test_poses_have_a_rate_of_their_own_and_equal_stamps():
-    with fkm_rig('crtk_rate:=20.0', 'gripper.axis:=1', 'gripper.range_deg:=[0.0, 60.0]') as rig:
-        samples = turning(500)
+GRIPPER = ('gripper.axis:=1', 'gripper.range_deg:=[0.0, 60.0]')
+
+
+def test_the_gripper_is_published_once_its_axis_has_a_usable_value():
+    """Beyond the ends of its axis it stays at the end of its range."""
+    with fkm_rig('crtk_rate:=20.0', *GRIPPER) as rig:
+        samples = turning(400)
         rig.send_many(0, *samples[:100])
-        # Nothing of a gripper before its axis has a usable value.
         for joy in (Joy(), Joy(axes=[0.0, float('nan')])):
             rig.host.give('gripper/joy', joy)
         rig.send_many(0, *samples[100:150])
         assert rig.sent['measured_cp']
         assert rig.sent['gripper/measured_js'] == []
+        begin = 150
+        for value, degrees in ((0.5, 45.0), (-5.0, 0.0), (5.0, 60.0)):
+            rig.host.give('gripper/joy', Joy(axes=[0.0, value]))
+            rig.send_many(0, *samples[begin : begin + 46])
+            begin += 46
+            found = rig.host.last('gripper/measured_js').position[0]
+            assert found == pytest.approx(np.radians(degrees))
+
+
+def test_poses_have_a_rate_of_their_own_and_equal_stamps():
+    with fkm_rig('crtk_rate:=20.0', *GRIPPER) as rig:
+        samples = turning(354)
+        rig.send_many(0, *samples[:150])
         rig.host.give('gripper/joy', Joy(axes=[0.0, 0.5]))
         rig.send_many(0, *samples[150:154])
         rig.sent.clear()
-        rig.send_many(0, *samples[154:354])
-        stamps = {topic: [stamp(each) for each in rig.sent[topic]] for topic in CRTK}
-        assert all(found == stamps['measured_cp'] for found in stamps.values())
+        rig.send_many(0, *samples[154:])
+        stamps = [stamp(each) for each in rig.sent['measured_cp']]
         # Every tenth of 200 Hz.
-        assert set(np.diff(stamps['measured_cp'])) == {50_000_000}
+        assert set(np.diff(stamps)) == {50_000_000}
+        for topic in CRTK:
+            assert [stamp(each) for each in rig.sent[topic]] == stamps, topic
         oriented = {stamp(each): each for each in rig.sent['orientation']}
         for pose in rig.sent['measured_cp']:
             assert pose.pose.orientation == oriented[stamp(pose)].quaternion
             assert pose.header.frame_id == 'spm_base'
         for twist in rig.sent['measured_cv']:
-            np.testing.assert_allclose(np.linalg.norm(angular(twist)), 0.5, rtol=1e-3)
-        assert rig.host.last('gripper/measured_js').position[0] == pytest.approx(np.radians(45.0))
-        for begin, value, degrees in ((354, -5.0, 0.0), (400, 5.0, 60.0)):
-            rig.host.give('gripper/joy', Joy(axes=[0.0, value]))
-            rig.send_many(0, *samples[begin : begin + 46])
-            assert rig.host.last('gripper/measured_js').position[0] == pytest.approx(
-                np.radians(degrees)
-            )
+            speed = np.linalg.norm(angular(twist))
+            assert speed == pytest.approx(0.5, rel=1e-3)
 
 
 def test_a_joint_without_a_reading_is_nan_while_the_orientation_goes_on():
@@ -144,38 +155,54 @@ def test_an_output_begins_when_its_subscriber_comes_not_at_the_next_poll(observe
         node.destroy_node()
 
 
-def test_all_outputs_are_those_of_the_handle_on_the_table():
-    rng = np.random.default_rng(3)
+@pytest.fixture(scope='module')
+def plain_and_mounted():
+    """Return what is published of a motion without a mounting, and with one."""
+    noise = np.radians(0.02) * np.random.default_rng(3).normal(size=(150, 4))
+    samples = np.array(turning(150)) + noise
     found = []
-    samples = np.array(turning(150)) + np.radians(0.02) * rng.normal(size=(150, 4))
     for settings in ((), MOUNTED):
         with fkm_rig('crtk_rate:=0.0', *settings) as rig:
             rig.send_many(0, *samples.tolist())
             found.append(rig.sent)
-    plain, mounted = found
-    for topic, of in (
+    return found
+
+
+def pairs(plain_and_mounted, topic):
+    """Return the messages of a topic, each without the mounting and with it."""
+    plain, mounted = plain_and_mounted
+    assert plain[topic]
+    return zip(plain[topic], mounted[topic], strict=True)
+
+
+@pytest.mark.parametrize(
+    ('topic', 'of'),
+    [
         ('orientation', lambda message: matrix(message.quaternion)),
         ('measured_cp', lambda message: matrix(message.pose.orientation)),
-    ):
-        for before, after in zip(plain[topic], mounted[topic], strict=True):
-            np.testing.assert_allclose(of(after), TABLE @ of(before) @ HANDLE, atol=1e-12)
-            assert (before.header.frame_id, after.header.frame_id) == (
-                'spm_base',
-                'operating_table',
-            )
-    for before, after in zip(
-        plain['pose_with_covariance'], mounted['pose_with_covariance'], strict=True
-    ):
-        inner, outer = (np.reshape(each.pose.covariance, (6, 6)) for each in (before, after))
-        assert np.all(outer[:3] == 0.0)
-        assert np.all(outer[:, :3] == 0.0)
-        assert np.diag(outer)[3:].min() > 0.0
-        np.testing.assert_allclose(
-            outer[3:, 3:],
-            TABLE @ inner[3:, 3:] @ TABLE.T,
-            atol=1e-15,
-        )
-    for before, after in zip(plain['measured_cv'], mounted['measured_cv'], strict=True):
+    ],
+    ids=['orientation', 'measured_cp'],
+)
+def test_orientations_are_those_of_the_handle_on_the_table(plain_and_mounted, topic, of):
+    for before, after in pairs(plain_and_mounted, topic):
+        np.testing.assert_allclose(of(after), TABLE @ of(before) @ HANDLE, atol=1e-12)
+        assert before.header.frame_id == 'spm_base'
+        assert after.header.frame_id == 'operating_table'
+
+
+def test_the_covariance_is_that_on_the_table(plain_and_mounted):
+    for before, after in pairs(plain_and_mounted, 'pose_with_covariance'):
+        inner = np.reshape(before.pose.covariance, (6, 6))[3:, 3:]
+        covariance = np.reshape(after.pose.covariance, (6, 6))
+        outer = covariance[3:, 3:]
+        assert not covariance[:3].any()
+        assert not covariance[:, :3].any()
+        assert np.diag(outer).min() > 0.0
+        np.testing.assert_allclose(outer, TABLE @ inner @ TABLE.T, atol=1e-15)
+
+
+def test_the_angular_velocity_is_that_on_the_table(plain_and_mounted):
+    for before, after in pairs(plain_and_mounted, 'measured_cv'):
         np.testing.assert_allclose(angular(after), TABLE @ angular(before), atol=1e-9)
 
 

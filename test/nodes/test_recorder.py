@@ -70,30 +70,41 @@ def test_joints_without_a_reading_are_recorded_and_messages_without_a_joint_are_
     record, tmp_path
 ):
     """A message without one of the first message's joints is of another program."""
+    has_reading = np.arange(40) % 4 == 0
+    with record(tmp_path) as session:
+        for number in range(40):
+            fifth = 0.5 if has_reading[number] else nan
+            session.joints(1000 + number, [0.1, 0.2, 0.3, 0.4, fifth, 0.6])
+            if not has_reading[number]:
+                session.joints(1000 + number, [0.1] * 5, ALL_JOINT_NAMES[:5])
+    track = recordings.read_joints(tmp_path / 'measured_js.csv', '')
+    np.testing.assert_array_equal(track.time, 1000.0 + np.arange(40))
+    np.testing.assert_array_equal(np.isnan(track.values[:, 4]), ~has_reading)
+    others = np.delete(track.values, 4, axis=1)
+    assert (others == [0.1, 0.2, 0.3, 0.4, 0.6]).all()
+    assert session.logged[0] == (
+        '30 messages on measured_js without one of joint_1a, joint_1b, joint_1c, joint_3a, '
+        'joint_3b, joint_3c: not written'
+    )
+    assert session.error == ''
+
+
+def test_each_file_is_logged_with_its_size(record, tmp_path):
     with record(tmp_path) as session:
         for number in range(40):
             session.orientation(2000 + number)
             session.orientation(3000 + number, 'ground_truth/orientation')
-            session.joints(1000 + number, [0.1, 0.2, 0.3, 0.4, nan if number % 4 else 0.5, 0.6])
-            if number % 4:
-                session.joints(1000 + number, [0.1] * 5, ALL_JOINT_NAMES[:5])
-    track = recordings.read_joints(tmp_path / 'measured_js.csv', '')
-    assert track.time.tolist() == [1000.0 + number for number in range(40)]
-    assert np.isnan(track.values[:, 4]).tolist() == [number % 4 > 0 for number in range(40)]
-    assert (np.delete(track.values, 4, axis=1) == [0.1, 0.2, 0.3, 0.4, 0.6]).all()
-    paths = [
-        tmp_path / name for name in ('orientation.csv', 'measured_js.csv', 'ground_truth.csv')
-    ]
-    for path, first in ((paths[0], 2000.25), (paths[2], 3000.25)):
-        orientations = recordings.read_orientation(path, '')
-        assert orientations.time.tolist() == [first + number for number in range(40)]
-        assert (orientations.values == [0.0, 0.6, 0.0, 0.8]).all()
-    assert session.logged == [
-        '30 messages on measured_js without one of joint_1a, joint_1b, joint_1c, joint_3a, '
-        'joint_3b, joint_3c: not written',
-        *(f'{path}: 40 rows, 39.0 s, {path.stat().st_size} bytes' for path in paths),
-    ]
+            session.joints(1000 + number, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    expected = []
+    for name in ('orientation.csv', 'measured_js.csv', 'ground_truth.csv'):
+        path = tmp_path / name
+        expected.append(f'{path}: 40 rows, 39.0 s, {path.stat().st_size} bytes')
+    assert session.logged == expected
     assert session.error == ''
+    for name, first in (('orientation.csv', 2000.25), ('ground_truth.csv', 3000.25)):
+        orientations = recordings.read_orientation(tmp_path / name, '')
+        np.testing.assert_array_equal(orientations.time, first + np.arange(40))
+        assert (orientations.values == [0.0, 0.6, 0.0, 0.8]).all()
 
 
 def test_a_directory_that_cannot_be_is_named_and_nothing_more_is_written(record, tmp_path):

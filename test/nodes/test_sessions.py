@@ -215,8 +215,20 @@ def turn(axis, degrees):
     c = np.cos(np.radians(degrees))
     s = np.sin(np.radians(degrees))
     if axis == 'z':
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+        return np.array(
+            [
+                [c, -s, 0.0],
+                [s, c, 0.0],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+    return np.array(
+        [
+            [1.0, 0.0, 0.0],
+            [0.0, c, -s],
+            [0.0, s, c],
+        ]
+    )
 
 
 def angle_deg(first, second):
@@ -238,18 +250,11 @@ NINE = [f'joint_{number}{leg}' for leg in 'abc' for number in '123']
 FOUR = ['joint_1a', 'joint_1b', 'joint_1c', 'joint_3a']
 
 
-def check_messages_of_four(rig):
-    """Check what each topic has while the slave follows."""
-
-    def last(topic):
-        return rig.last(topic, MIDDLE)
-
-    for frame, topics in FRAMES.items():
-        for topic in topics:
-            assert last(topic).header.frame_id == frame, topic
+def check_orientations(rig, last):
+    """Check the orientations on all topics, and that the slave follows."""
     # The mounting of SETTINGS: base on table.
-    true = turn('z', 30.0) @ turn('x', 40.0) @ turn('z', -70.0)
-    true = true @ matrix(last('ground_truth/orientation'))
+    mounting = turn('z', 30.0) @ turn('x', 40.0) @ turn('z', -70.0)
+    true = mounting @ matrix(last('ground_truth/orientation'))
     found = last('orientation')
     np.testing.assert_allclose(matrix(found), true, atol=np.radians(0.1))
     assert angle_deg(found, last('pose_with_covariance')) == 0.0
@@ -262,20 +267,33 @@ def check_messages_of_four(rig):
         command = quaternion(rig.last('servo_cp', at))
         reached = quaternion(rig.last('slave/measured_cp', at))
         assert rotation_distance(UNTURNED, reached) < rotation_distance(UNTURNED, command), at
+
+
+def check_covariance(last):
+    """Check the covariance of the pose: of the orientation alone, of some hundredths of a deg."""
     covariance = np.reshape(last('pose_with_covariance').pose.covariance, (6, 6))
     assert not covariance[:3].any()
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-12)
     sigmas = np.degrees(np.sqrt(np.diag(covariance)[3:]))
     assert (sigmas > 0.01).all()
     assert (sigmas < 0.05).all()
-    # Angular velocity in the frame of the pose, of one tenth of a second.
-    before, after = (matrix(rig.last('orientation', MIDDLE + shift)) for shift in (-0.05, 0.05))
+
+
+def check_velocity(rig, last):
+    """Check the angular velocity in the frame of the pose, of one tenth of a second."""
+    before = matrix(rig.last('orientation', MIDDLE - 0.05))
+    after = matrix(rig.last('orientation', MIDDLE + 0.05))
     rate = (after @ before.T - before @ after.T) / (2.0 * 0.1)
     speed = np.array([rate[2, 1], rate[0, 2], rate[1, 0]])
-    np.testing.assert_allclose(components(last('measured_cv').twist.angular), speed, atol=0.05)
-    assert components(last('measured_cv').twist.linear) == (0.0, 0.0, 0.0)
+    twist = last('measured_cv').twist
+    np.testing.assert_allclose(components(twist.angular), speed, atol=0.05)
+    assert components(twist.linear) == (0.0, 0.0, 0.0)
     given = np.linalg.norm(components(last('delta_twist_cmds').twist.angular))
     assert given == pytest.approx(np.linalg.norm(speed), rel=0.3)
+
+
+def check_joints(last):
+    """Check names and angles of the joints."""
     for topic in ('measured_js', 'readings', 'crtk/measured_js'):
         assert last(topic).name == FOUR
     assert last('joint_states').name == NINE
@@ -283,6 +301,21 @@ def check_messages_of_four(rig):
     measured = [positions[name] for name in FOUR]
     for topic in ('measured_js', 'readings', 'crtk/measured_js'):
         np.testing.assert_allclose(last(topic).position, measured, atol=np.radians(0.3))
+
+
+def check_messages_of_four(rig):
+    """Check what each topic has while the slave follows."""
+
+    def last(topic):
+        return rig.last(topic, MIDDLE)
+
+    for frame, topics in FRAMES.items():
+        for topic in topics:
+            assert last(topic).header.frame_id == frame, topic
+    check_orientations(rig, last)
+    check_covariance(last)
+    check_velocity(rig, last)
+    check_joints(last)
     # Half of the way from 0 to 90 deg.
     assert last('gripper/measured_js').name == ['gripper']
     assert last('gripper/measured_js').position[0] == pytest.approx(np.pi / 4)
@@ -306,10 +339,13 @@ def check_levels(rig, names):
     ]
     dimension = level.layout.dim[0]
     assert dimension.label == ', '.join(labels)
-    assert (dimension.size, dimension.stride, len(level.data)) == (len(labels),) * 3
-    assert list(level.data[1 : 1 + joints]) == [0.0] * joints
-    assert level.data[0] == max(level.data[1 + joints :])
-    assert 0.2 < level.data[0] < 2.0
+    assert dimension.size == len(labels)
+    assert dimension.stride == len(labels)
+    assert len(level.data) == len(labels)
+    protection, *of_joints = level.data
+    assert of_joints[:joints] == [0.0] * joints
+    assert protection == max(of_joints[joints:])
+    assert 0.2 < protection < 2.0
     three, every = rig.last('dexterity', MIDDLE).data
     assert 0.0 < three < every < 1.0
     further = ' '.join(f'th{name[-2:].upper()}' for name in names[3:])
@@ -337,7 +373,20 @@ def check_entries(rig, names, mounting):
     mechanisms = [entry['mechanism'] for entry in entries.values() if 'mechanism' in entry]
     assert len(mechanisms) == 3
     assert len(set(mechanisms)) == 1
-    orientation = entries['fkm: orientation']
+    assert entries['encoder_driver: encoders']['joints missing'] == 'none'
+    assert entries['encoder_driver: encoders']['directions not verified'] == 'none'
+    assert entries['diagnostics: singularity']['sensors left out'] == 'none'
+    check_orientation_entry(entries['fkm: orientation'], names, mounting)
+    check_timing_entry(entries['fkm: timing'])
+    teleop = entries['teleop: teleop']
+    assert teleop['engaged or clutched off (times)'] == '2'
+    assert teleop['disengaged last by'] == 'nothing'
+    assert teleop['stale orientations'] == '0'
+    assert float(entries['sim_slave: tracking']['tracking error (deg)']) < 0.5
+
+
+def check_orientation_entry(orientation, names, mounting):
+    """Check the entry of the orientation."""
     expected = {
         'mounting': mounting,
         'sample rate (Hz)': '100',
@@ -351,19 +400,14 @@ def check_entries(rig, names, mounting):
     # Noise of 0.02 deg, of an encoder with 0.022 deg a count.
     for name in names:
         assert 0.02 < float(orientation[f'{name} noise (deg)']) < 0.05
-    assert entries['encoder_driver: encoders']['joints missing'] == 'none'
-    assert entries['encoder_driver: encoders']['directions not verified'] == 'none'
-    assert entries['diagnostics: singularity']['sensors left out'] == 'none'
-    timing = entries['fkm: timing']
+
+
+def check_timing_entry(timing):
+    """Check the entry of the timing, which has the parity's distribution."""
     assert timing['orientation rate (Hz)'] == '100'
     assert timing['missed deadlines'] == '0'
     assert abs(float(timing['parity mean (sigma)'])) < 1.0
     assert 0.2 < float(timing['parity deviation (sigma)']) < 1.5
-    teleop = entries['teleop: teleop']
-    assert teleop['engaged or clutched off (times)'] == '2'
-    assert teleop['disengaged last by'] == 'nothing'
-    assert teleop['stale orientations'] == '0'
-    assert float(entries['sim_slave: tracking']['tracking error (deg)']) < 0.5
 
 
 def check_four(rig):
@@ -511,10 +555,8 @@ def test_the_slave_in_the_examples_follows_from_where_it_is(monkeypatch):
                 2.5: lambda: host.give('joy', Joy(buttons=[0])),
             },
         )
-        commands, poses = (
-            [(*components(q), q.w) for q in (each.pose.orientation for each in host.sent[topic])]
-            for topic in ('servo_cp', 'slave/measured_cp')
-        )
+        commands = [quaternion(each) for each in host.sent['servo_cp']]
+        poses = [quaternion(each) for each in host.sent['slave/measured_cp']]
         assert rotation_distance(commands[0], poses[0]) < 1e-9
         assert rotation_distance(commands[0], commands[-1]) > 0.05
         assert rotation_distance(commands[-1], poses[-1]) < 1e-9

@@ -124,16 +124,21 @@ def test_whatever_comes_only_a_command_leads_to_enabled(sequence):
             assert state.name in (before, 'DISABLED', 'FAULT')
         else:
             accepted, _ = state.command(text, time)
-            homed = homed and text != 'unhome' or text == 'home'
+            homed = text == 'home' or (homed and text != 'unhome')
             if state.name == 'ENABLED' and before != 'ENABLED':
                 assert accepted
                 assert text in ('enable', 'resume')
-        if state.name == 'ENABLED':
-            assert orientation.publishes
-            assert state.is_homed == homed == (state.enabling > 0)
-        else:
-            assert not state.is_homed
-            assert state.enabling == 0
-        assert (state.name == 'FAULT') == (
-            orientation is not None and orientation.condition is Condition.SILENT
-        )
+        check_state(state, orientation, homed)
+
+
+def check_state(state, orientation, homed):
+    """Check a state by the orientation and the homing that it was told of."""
+    is_silent = orientation is not None and orientation.condition is Condition.SILENT
+    assert (state.name == 'FAULT') == is_silent
+    if state.name == 'ENABLED':
+        assert orientation.publishes
+        assert state.is_homed == homed
+        assert (state.enabling > 0) == homed
+    else:
+        assert not state.is_homed
+        assert state.enabling == 0

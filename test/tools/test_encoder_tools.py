@@ -42,38 +42,51 @@ def run(
     return run
 
 
-def test_encoders_of_the_maker_are_found_set_up_and_found_as_configured(
-    run,
-    encoders,
-    channel,
-    monkeypatch,
-):
+SCAN = ('--seconds', '0.3', '--start')
+
+
+@pytest.fixture
+def of_the_maker(encoders, monkeypatch):
+    """Have encoders as their maker delivers them on the bus."""
     monkeypatch.setattr(can_setup, 'LISTEN', 0.0)
     with encoders(factory=True):
-        code, out, err = run(can_scan, '--seconds', '0.3', '--start')
-        assert code == 1
-        assert '\n  joint_1b: 0x182 missing; its node 2 is present' in out
-        assert 'can_scan: no SYNC on the bus' in err
-        code, out, err = run(can_setup)
-        assert (code, err) == (1, '')
-        assert '0x6001:00 units per turn: 65536, wanted 16384' in out
-        assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
-        # One alone, with another heartbeat.
-        code, out, _ = run(can_setup, '--joint', 'joint_1b', '--write', '--heartbeat', '0.2')
-        assert code == 0
-        assert 'joint_1a' not in out
-        assert out.endswith('1 of 1 encoders as configured, stored and read back after a reset\n')
-        code, out, _ = run(can_setup)
-        assert code == 1
-        assert '3 of 4' not in out
-        assert '0x1017:00 heartbeat time, ms: 200' in out
-        assert run(can_setup, '--write')[0] == 0
-        code, out, err = run(can_setup)
-        assert (code, err) == (0, '')
-        assert out.endswith(': 4 of 4 encoders as configured\n')
-        assert ' objects as configured\n' in out
-        assert 'written' not in out
-        code, out, err = run(can_scan, '--seconds', '0.3', '--start')
+        yield
+
+
+@pytest.mark.usefixtures('of_the_maker')
+def test_encoders_of_the_maker_are_found_and_are_not_as_configured(run):
+    code, out, err = run(can_scan, *SCAN)
+    assert code == 1
+    assert '\n  joint_1b: 0x182 missing; its node 2 is present' in out
+    assert 'can_scan: no SYNC on the bus' in err
+    code, out, err = run(can_setup)
+    assert (code, err) == (1, '')
+    assert '0x6001:00 units per turn: 65536, wanted 16384' in out
+    assert out.endswith('4 of 4 encoders not as configured; nothing was written (--write)\n')
+
+
+@pytest.mark.usefixtures('of_the_maker')
+def test_one_encoder_of_the_maker_is_set_up_alone_with_another_heartbeat(run):
+    code, out, _ = run(can_setup, '--joint', 'joint_1b', '--write', '--heartbeat', '0.2')
+    assert code == 0
+    assert 'joint_1a' not in out
+    assert out.endswith('1 of 1 encoders as configured, stored and read back after a reset\n')
+    code, out, _ = run(can_setup)
+    assert code == 1
+    assert '3 of 4' not in out
+    assert '0x1017:00 heartbeat time, ms: 200' in out
+
+
+@pytest.mark.usefixtures('of_the_maker')
+def test_encoders_of_the_maker_are_set_up_and_found_as_configured(run, channel):
+    code, _, _ = run(can_setup, '--write')
+    assert code == 0
+    code, out, err = run(can_setup)
+    assert (code, err) == (0, '')
+    assert out.endswith(': 4 of 4 encoders as configured\n')
+    assert ' objects as configured\n' in out
+    assert 'written' not in out
+    code, out, _ = run(can_scan, *SCAN)
     assert code == 0, out
     assert f'virtual {channel}, 0.3 s:\n' in out
     assert 'all four encoders are there, as configured\n' in out

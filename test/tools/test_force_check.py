@@ -222,6 +222,11 @@ def recording_of(
     return str(path)
 
 
+def number_after(words, text):
+    """Return the number that comes after some words."""
+    return float(text.split(words)[1].split()[0])
+
+
 def test_a_device_that_is_moved_by_its_drives(tmp_path, check):
     rig = Rig()
     path = recording_of(rig, tmp_path / 'a.csv')
@@ -232,13 +237,13 @@ def test_a_device_that_is_moved_by_its_drives(tmp_path, check):
     assert text.count('sign right') == 3
     assert 'springs of 1 N m/rad are passive' in text
     # 1.1 mN m s/rad in the model.
-    assert 0.5 <= float(text.split('friction ')[1].split()[0]) <= 2.0
+    assert 0.5 <= number_after('friction ', text) <= 2.0
     stiffest = []
     for args in (('--stiffness', '10'), ('--latency', '0.02')):
         code, text, _ = check(path, *args)
         assert code == 1
         assert 'N m/rad about z, at 1000 Hz' in text
-        stiffest.append(float(text.split('largest stiffness ')[1].split()[0]))
+        stiffest.append(number_after('largest stiffness ', text))
     # By half the period and the latency.
     assert stiffest[0] / stiffest[1] == pytest.approx(20.5 / 1.5, rel=0.05)
 
@@ -308,34 +313,53 @@ class Hand:
         )
 
 
-def test_one_session_records_signs_releases_and_weight(
-    tmp_path,
-    check,
-    monkeypatch,
-):
-    for name in ('LET_GO', 'QUIET'):
-        monkeypatch.setattr(force_record, name, 0.5)
+@pytest.fixture(scope='module')
+def session(tmp_path_factory):
+    """Record a session with a hand; return the hand, the file and its rows."""
+    path = tmp_path_factory.mktemp('session') / 'a.csv'
     hand = Hand()
-    path = recording_of(hand, tmp_path / 'a.csv', hand.show, 6)
-    with open(path) as file:
-        rows = list(csv.DictReader(file))
-    # 1 kHz: of a step 0.1 s, of a release 0.25 s, of a pose 0.5 s.
-    assert Counter(row['part'] for row in rows) == {
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(force_record, 'LET_GO', 0.5)
+        patch.setattr(force_record, 'QUIET', 0.5)
+        recording_of(hand, path, hand.show, 6)
+    with path.open() as file:
+        return hand, str(path), list(csv.DictReader(file))
+
+
+def numbers(rows, names):
+    """Return the numbers of three columns, (rows, 3)."""
+    return np.array([[float(row[name]) for name in names[:3]] for row in rows])
+
+
+def test_a_session_has_its_parts_at_1_khz(session):
+    """Of a step 0.1 s, of a release 0.25 s, of a pose 0.5 s."""
+    _, _, rows = session
+    counts = Counter(row['part'] for row in rows)
+    assert counts == {
         **{f'step {motor}': 100 for motor in ('1a', '1b', '1c')},
         **{f'release z {number}': 250 for number in range(1, 5)},
         **{f'pose {number}': pytest.approx(500, abs=1) for number in range(1, 7)},
     }
-    steps = [[float(row[name]) for name in force_record.TORQUES[:3]] for row in rows[:300]]
-    assert np.max(steps, axis=0).tolist() == [0.01] * 3
+
+
+def test_the_steps_of_a_session_are_of_one_motor_each(session):
+    _, _, rows = session
+    steps = numbers(rows[:300], force_record.TORQUES)
+    assert steps.max(axis=0).tolist() == [0.01] * 3
     assert np.count_nonzero(steps) == 3 * 50
-    # Each spring, of 1 N m/rad, gives way until it holds its motor's part of the weight.
-    angles, torques = (
-        np.reshape(
-            [[float(row[name]) for name in names[:3]] for row in rows[-3000:]], (6, 500, 3)
-        )[:, 250]
-        for names in (force_record.ANGLES, force_record.TORQUES)
-    )
+
+
+def test_in_the_poses_of_a_session_springs_hold_the_weight(session):
+    """Each, of 1 N m/rad, gives way until it holds its motor's part."""
+    hand, _, rows = session
+    middle = slice(250, None, 500)
+    angles = numbers(rows[-3000:], force_record.ANGLES)[middle]
+    torques = numbers(rows[-3000:], force_record.TORQUES)[middle]
     np.testing.assert_allclose(torques, np.subtract(hand.held, angles), atol=1e-4)
+
+
+def test_a_session_says_what_to_do_and_waits_until_it_is_done(session):
+    hand, _, _ = session
     texts, times = zip(*hand.asked, strict=True)
     assert [text.split(': ')[1] for text in texts[8:11]] == [
         'let go of the handle',
@@ -349,6 +373,10 @@ def test_one_session_records_signs_releases_and_weight(
     assert (0.8 < rest).all()
     assert (rest < 1.2).all()
     assert (0.15 < taken).all()
+
+
+def test_one_session_shows_signs_and_weight(session, check):
+    _, path, _ = session
     _, text, _ = check(path)
     assert text.count('sign right') == 3
     assert 'weight from 6 poses' in text
