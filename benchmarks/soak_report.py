@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 import os
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from spm_haptic_master.timing import SECOND
 
 # Time between two readings of the resident memory (s).
 MEMORY_PERIOD = 5.0
+
+# Reasons of rejected and dropped samples that are printed with their counts.
+MOST_REASONS = 12
 
 # Size of a page of /proc/PID/statm (bytes).
 PAGE = os.sysconf('SC_PAGE_SIZE')
@@ -73,8 +77,8 @@ def report(
         f'orientation at the observer, of these {counted.get("samples rejected", 0)} rejected '
         f'by fkm; {rows} orientations recorded'
     )
-    for reason, count in sorted(reasons.items(), key=lambda entry: -entry[1]):
-        print(f'    {reason}: {count}')
+    for line in reason_lines(reasons):
+        print(f'    {line}')
     arrivals = np.sort(run.stamps / SECOND + run.latencies * 1e-6)
     opened, closed = arrivals[0], arrivals[0] + run.span
     alive = [
@@ -118,6 +122,16 @@ def report(
     disturbed = disturbance(run)
     if disturbed:
         print(f'  the machine was disturbed: {disturbed}')
+
+
+def reason_lines(reasons: Mapping[str, int]) -> Iterator[str]:
+    """Yield the most frequent reasons with their counts, and how many others there are."""
+    ordered = Counter(reasons).most_common()
+    for reason, count in ordered[:MOST_REASONS]:
+        yield f'{reason}: {count}'
+    others = ordered[MOST_REASONS:]
+    if others:
+        yield f'{len(others)} other reasons: {sum(count for _, count in others)}'
 
 
 def growth(statuses: Sequence[Status]) -> dict[str, int]:

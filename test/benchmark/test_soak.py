@@ -7,7 +7,7 @@ import re
 
 from benchmarks import soak, stalls
 from benchmarks.disturbances import Schedule
-from benchmarks.soak_report import growth
+from benchmarks.soak_report import growth, MOST_REASONS, reason_lines
 import numpy as np
 import pytest
 
@@ -53,6 +53,15 @@ def test_soak_survives_failures_of_the_bus(measured, monkeypatch):
     )
     assert 0 <= missing < made <= cycles + 1
     assert recorded > 0
+
+
+def test_only_the_most_frequent_reasons_are_printed_one_by_one():
+    lines = list(
+        reason_lines({f'dropped: {count}': count for count in range(1, MOST_REASONS + 3)})
+    )
+    assert len(lines) == MOST_REASONS + 1
+    assert lines[0] == f'dropped: {MOST_REASONS + 2}: {MOST_REASONS + 2}'
+    assert lines[-1] == '2 other reasons: 3'
 
 
 def test_stalls_are_counted_only_while_the_bus_is_alive():
