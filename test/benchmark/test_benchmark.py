@@ -124,11 +124,18 @@ def pipeline(monkeypatch):
     return Pipeline(monkeypatch)
 
 
-def test_a_run_counts_what_its_processes_did_within_its_window(pipeline, capsys):
-    # One that had to be killed is reported.
+WITH_OWN = Case('one', ('fkm', 'encoder_driver'), own={'fkm': {'fkm:max_age': 1.0}})
+
+
+@pytest.fixture
+def measured_run(pipeline, capsys):
+    """Measure a run of one case, of which a process had to be killed."""
     pipeline.late = {'fkm': -signal.SIGKILL}
-    case = Case('one', ('fkm', 'encoder_driver'), own={'fkm': {'fkm:max_age': 1.0}})
-    found = measure(case, 2.0, 500.0, {'realtime.priority': '3'}, pipeline.during)
+    return measure(WITH_OWN, 2.0, 500.0, {'realtime.priority': '3'}, pipeline.during)
+
+
+@pytest.mark.usefixtures('measured_run')
+def test_the_processes_of_a_run_start_with_its_parameters_and_end_in_reverse(pipeline, capsys):
     # The observer is scheduled as the nodes, and knows no rate.
     assert pipeline.started == {
         'observer': {'realtime.priority': '3'},
@@ -138,7 +145,13 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline, capsys)
     assert pipeline.signals == [
         (name, signal.SIGINT) for name in ('encoder_driver', 'fkm', 'observer')
     ]
-    assert (found.case, found.rate, found.span) == (case, 500.0, 2.0)
+    assert not pipeline.directory.exists()
+    assert capsys.readouterr().err == 'one: fkm: was killed\n'
+
+
+def test_a_run_counts_what_its_processes_did_within_its_window(measured_run):
+    found = measured_run
+    assert (found.case, found.rate, found.span) == (WITH_OWN, 500.0, 2.0)
     assert len(found.stamps) == 1999
     assert found.achieved == 999.5
     np.testing.assert_allclose(found.latencies, 400.0)
@@ -147,9 +160,11 @@ def test_a_run_counts_what_its_processes_did_within_its_window(pipeline, capsys)
     assert found.load == {'observer': 15.0, 'fkm': 10.0, 'encoder_driver': 20.0}
     assert found.others == 12.5
     assert len(found.statuses) == 4
-    assert not pipeline.directory.exists()
-    assert capsys.readouterr().err == 'one: fkm: was killed\n'
-    # The driver reports its count once a second, after the window too.
+
+
+@pytest.mark.usefixtures('measured_run')
+def test_a_run_waits_for_the_count_of_the_driver(pipeline):
+    """It is reported once a second, after the window too."""
     settled, window, after = pipeline.slept
     assert settled == run.SETTLE
     assert window == 2.0
@@ -386,7 +401,9 @@ def test_a_machine_that_was_busy_is_named(late, others, words):
     assert disturbance(run_of(ONE, 100.0, late=late, others=others)) == words
 
 
-def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
+@pytest.fixture
+def rounds(monkeypatch, tmp_path, capsys):
+    """Compare two rounds of invented runs; return what was measured, the output, the rows."""
     measured = []
     latencies = iter(range(100, 10_000, 100))
 
@@ -402,9 +419,16 @@ def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
         return replace(found, load=dict.fromkeys(case.processes, 12.5), statuses=statuses)
 
     monkeypatch.setattr(comparison, 'measure', measure)
-    comparison.compare(2.0, 2, 500.0, {'a': '1'}, tmp_path / 'new' / 'directory')
+    directory = tmp_path / 'new' / 'directory'
+    comparison.compare(2.0, 2, 500.0, {'a': '1'}, directory)
+    with (directory / 'runs.csv').open() as file:
+        rows = [*csv.DictReader(file)]
+    return measured, capsys.readouterr().out, rows
+
+
+def test_all_rounds_are_compared(rounds):
+    measured, out, _ = rounds
     assert measured == 2 * [(case.name, 2.0, 500.0, {'a': '1'}) for case in comparison.CASES]
-    out = capsys.readouterr().out.replace(str(tmp_path), 'DIR')
     # Latencies of 100 .. 200 us and 800 .. 900 us: the median of the rounds of each percentile.
     assert (
         '| bare relay | 33.7 | 500 | 540 | 549 | 550 | 550 | 2 of 400 | 10 '
@@ -419,13 +443,22 @@ def test_all_rounds_are_compared_and_written(monkeypatch, tmp_path, capsys):
     assert '1.39 (1.12 .. 1.67), reach 1.15: not met\n' in out
     assert '1.00 (1.00 .. 1.00), reach 1.45: met\n' in out
     assert '1 of 14 runs disturbed' in out
-    with open(tmp_path / 'new' / 'directory' / 'runs.csv') as file:
-        rows = [*csv.DictReader(file)]
+
+
+def test_all_rounds_are_written(rounds):
+    _, _, rows = rounds
     assert [row['pipeline'] for row in rows] == 2 * [case.name for case in comparison.CASES]
-    assert [row['disturbed'] for row in rows if row['disturbed']] == [
-        'other programs 30 % of a core'
-    ]
-    assert (rows[0]['latency p99 (us)'], rows[0]['made'], rows[0]['lost']) == ('199', '200', '1')
+    disturbed = [row['disturbed'] for row in rows if row['disturbed']]
+    assert disturbed == ['other programs 30 % of a core']
+    first = rows[0]
+    assert first['latency p99 (us)'] == '199'
+    assert first['made'] == '200'
+    assert first['lost'] == '1'
+
+
+@pytest.mark.usefixtures('rounds')
+def test_one_round_alone_is_compared_too(tmp_path):
+    """Into a directory that exists."""
     comparison.compare(2.0, 1, 500.0, {}, tmp_path)
 
 

@@ -40,9 +40,12 @@ def test_the_default_rig_is_as_drawn_and_so_is_one_without_tolerances():
 
 
 def test_the_seed_decides_the_rig_and_more_sensors_leave_the_others():
-    four, six = (rig.random_rig(3, TOLERANCES, noise=0.001, sensors=count) for count in (4, 6))
-    assert (six.geometry, six.sensors[:4]) == (four.geometry, four.sensors)
-    assert len({each.first_harmonic for each in six.sensors}) == 6
+    four = rig.random_rig(3, TOLERANCES, noise=0.001)
+    six = rig.random_rig(3, TOLERANCES, noise=0.001, sensors=6)
+    harmonics = {each.first_harmonic for each in six.sensors}
+    assert six.geometry == four.geometry
+    assert six.sensors[:4] == four.sensors
+    assert len(harmonics) == 6
     assert rig.random_rig(4, TOLERANCES, noise=0.001) != four
 
 
@@ -53,7 +56,8 @@ def test_random_rigs_have_their_tolerances_in_frames_without_a_reference():
     def between(axes):
         """Angles between neighbouring axes, which no choice of a frame changes."""
         axes = np.array(axes)
-        return np.arccos((axes * np.roll(axes, -1, axis=0)).sum(1))
+        cosines = (axes * np.roll(axes, -1, axis=0)).sum(1)
+        return np.arccos(cosines)
 
     def off(figures):
         return np.array([figures(made.geometry) for made in rigs]) - figures(drawn)
@@ -65,34 +69,34 @@ def test_random_rigs_have_their_tolerances_in_frames_without_a_reference():
     ):
         np.testing.assert_allclose(off(figures).std(0), deviation, rtol=0.12)
         np.testing.assert_allclose(off(figures).mean(0), 0.0, atol=0.2 * deviation)
-    for name, deviation in (('first_harmonic', 0.002), ('second_harmonic', 0.001)):
-        found = np.array([[getattr(sensor, name) for sensor in made.sensors] for made in rigs])
-        np.testing.assert_allclose(found.std(0), deviation, rtol=0.12)
+    first = []
+    second = []
+    for made in rigs:
+        first.append([sensor.first_harmonic for sensor in made.sensors])
+        second.append([sensor.second_harmonic for sensor in made.sensors])
+    np.testing.assert_allclose(np.std(first, axis=0), 0.002, rtol=0.12)
+    np.testing.assert_allclose(np.std(second, axis=0), 0.001, rtol=0.12)
     assert all(made.geometry.base_axes[0] == (0.0, 0.0, 1.0) for made in rigs)
 
 
 @pytest.mark.parametrize('count', [4, 6])
 def test_a_written_rig_is_read_again(count, tmp_path):
     path = tmp_path / 'rig.json'
-    made = rig.random_rig(11, rig.Tolerances(0.01, 0.01, 0.005, 0.001), noise=0.001, sensors=count)
-    made = replace(
-        made,
-        sensors=(
-            *made.sensors[:-1],
-            replace(
-                made.sensors[-1],
-                play=0.002,
-                resolution=0.003,
-                delay=0.004,
-            ),
-        ),
+    tolerances = rig.Tolerances(0.01, 0.01, 0.005, 0.001)
+    made = rig.random_rig(11, tolerances, noise=0.001, sensors=count)
+    *others, last = made.sensors
+    last = replace(
+        last,
+        play=0.002,
+        resolution=0.003,
+        delay=0.004,
     )
+    made = replace(made, sensors=(*others, last))
     path.write_text(rig.rig_text(made))
     again = rig.read_rig(path, Geometry(), 1.0, count)
     for name in ('alphas', 'betas', 'base_axes', 'platform_axes'):
-        np.testing.assert_allclose(
-            getattr(again.geometry, name), getattr(made.geometry, name), atol=1e-15
-        )
+        expected = getattr(made.geometry, name)
+        np.testing.assert_allclose(getattr(again.geometry, name), expected, atol=1e-15)
     for one, other in zip(again.sensors, made.sensors, strict=True):
         for name in rig.SensorErrors.__slots__:
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-15)
@@ -113,11 +117,16 @@ def test_what_a_file_lacks_is_perfect(tmp_path):
     path.write_text('{"alpha_deg": [39, 40, 41], "noise_deg": [0, 0.1, 0, 0]}')
     made = rig.read_rig(path, drawn, radians(0.04))
     np.testing.assert_allclose(np.degrees(made.geometry.alphas), [39.0, 40.0, 41.0])
-    assert (made.geometry.betas, made.geometry.platform_axes) == (drawn.betas, drawn.platform_axes)
+    assert made.geometry.betas == drawn.betas
+    assert made.geometry.platform_axes == drawn.platform_axes
     assert [sensor.noise for sensor in made.sensors] == [0.0, radians(0.1), 0.0, 0.0]
 
 
-AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+AXES = [
+    [0.0, 0.0, 1.0],
+    [1.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0],
+]
 
 
 @pytest.mark.parametrize(

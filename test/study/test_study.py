@@ -3,7 +3,8 @@
 
 """The study's room: rates of nine joints, an independent model's table, the page."""
 
-from math import inf, isfinite
+from itertools import permutations
+from math import inf
 import re
 
 from built_mechanism import nominal
@@ -20,34 +21,37 @@ from study import nine_joints, placement, protection_maps  # noqa: E402
 
 PAPER = kinematics.Geometry()
 PAGE = ROOT / 'docs' / 'sensors' / 'README.md'
-POSES = kinematics.workspace_pose(*np.array([[0.0, 0.1, 0.25], [0.0, 2.0, 4.0], [0.5, 1.1, 0.3]]))
+POSES = kinematics.workspace_pose(
+    tilt=np.array([0.0, 0.1, 0.25]),
+    azimuth=np.array([0.0, 2.0, 4.0]),
+    phi=np.array([0.5, 1.1, 0.3]),
+)
 
 
 def test_rates_of_nine_joints_add_up_to_the_platforms_turn():
     joints = nine_joints.rates(POSES, PAPER)
     assert len(joints) == 9
     for row, R in enumerate(POSES):
-        seconds = nominal().second_axes(kinematics.inverse(R).theta1)
-        for first, second, third, name in zip(
-            PAPER.base_axes, seconds, nominal().third_axes(R), 'ABC', strict=True
-        ):
-            total = sum(
-                np.outer(axis, joints[f'{number}{name}'][row])
-                for number, axis in zip('123', (first, second, third), strict=True)
-            )
+        first = np.array(PAPER.base_axes)
+        second = nominal().second_axes(kinematics.inverse(R).theta1)
+        third = nominal().third_axes(R)
+        for leg, name in enumerate('ABC'):
+            total = np.outer(first[leg], joints[f'1{name}'][row])
+            total += np.outer(second[leg], joints[f'2{name}'][row])
+            total += np.outer(third[leg], joints[f'3{name}'][row])
             np.testing.assert_allclose(total, np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize('sensors', placement.REFERENCE)
 def test_the_table_of_an_independent_model(sensors):
-    poses = placement.table_poses()
-    found = placement.figures_of(nine_joints.worth(nine_joints.rates(poses, PAPER), sensors))
+    rates = nine_joints.rates(placement.table_poses(), PAPER)
+    found = placement.figures_of(nine_joints.worth(rates, sensors))
     reference = placement.REFERENCE[sensors]
     assert placement.agrees(found, reference)
     # A tenth more or less of any figure is none of that model's.
     for part, row in enumerate(reference):
         for number, value in enumerate(row):
-            if value is not None and isfinite(value) and value > 0.1:
+            if value is not None and 0.1 < value < inf:
                 other = [list(each) for each in found]
                 other[part][number] *= 1.1
                 assert not placement.agrees(other, reference)
@@ -56,38 +60,36 @@ def test_the_table_of_an_independent_model(sensors):
 def largest_isolable_step(sample, threshold):
     """Return the step, rad, of which any other sensor's fault leaves the threshold unexplained."""
     gains = np.array(sample.parity_gains)
-    least = [
-        min(
-            np.linalg.norm(gain - other * (gain @ other) / (other @ other))
-            for index, other in enumerate(gains)
-            if index != sensor
-        )
-        for sensor, gain in enumerate(gains)
-    ]
-    return threshold / min(least) if min(least) > 1e-6 / sample.sensors.largest else inf
+    left = []
+    for gain, other in permutations(gains, 2):
+        explained = other * (gain @ other) / (other @ other)
+        left.append(np.linalg.norm(gain - explained))
+    least = min(left)
+    if least <= 1e-6 / sample.sensors.largest:
+        return inf
+    return threshold / least
 
 
 @pytest.mark.parametrize('number', [4, 5, 6])
 def test_it_is_what_the_supervision_computes(number):
     sigma = (float(np.radians(nine_joints.SIGMA)),) * number
-    found = nine_joints.worth(nine_joints.rates(POSES, PAPER), protection_maps.SETS[number])
-    noise = np.sqrt(nine_joints.WINDOW)
+    rates = nine_joints.rates(POSES, PAPER)
+    found = nine_joints.worth(rates, protection_maps.SETS[number])
+    root = np.sqrt(nine_joints.WINDOW)
+    of_noise = (nine_joints.FALSE_ALARM + MISSED_DETECTION) / root
+    of_bias = nine_joints.BIAS / nine_joints.SIGMA * np.sqrt(number)
     for row, R in enumerate(POSES):
         joints = kinematics.inverse(R)
-        more = [float(angle) for angle in (joints.theta3b, joints.theta3c)][: number - 4]
-        sample = kinematics.estimate_sample(
-            (*joints.theta1.tolist(), float(joints.theta3a), *more),
-            kinematics.UsedSensors(sigma),
-            PAPER,
-        )
+        passive = (joints.theta3a, joints.theta3b, joints.theta3c)
+        angles = (*joints.theta1.tolist(), *map(float, passive))[:number]
+        sample = kinematics.estimate_sample(angles, kinematics.UsedSensors(sigma), PAPER)
         worth = integrity(sample, (0.0,) * number, (1.0,) * number)
-        reach = (
-            nine_joints.FALSE_ALARM + MISSED_DETECTION
-        ) / noise + nine_joints.BIAS / nine_joints.SIGMA * np.sqrt(number)
-        assert found.levels[row] == pytest.approx(np.degrees(max(worth.slopes)) * reach, rel=1e-6)
-        assert found.deviations[row] == pytest.approx(np.degrees(worth.deviation), rel=1e-6)
-        steps = largest_isolable_step(sample, nine_joints.ISOLATION / noise)
-        assert found.steps[row] == pytest.approx(np.degrees(steps), rel=1e-4)
+        level = np.degrees(max(worth.slopes)) * (of_noise + of_bias)
+        deviation = np.degrees(worth.deviation)
+        step = np.degrees(largest_isolable_step(sample, nine_joints.ISOLATION / root))
+        assert found.levels[row] == pytest.approx(level, rel=1e-6)
+        assert found.deviations[row] == pytest.approx(deviation, rel=1e-6)
+        assert found.steps[row] == pytest.approx(step, rel=1e-4)
 
 
 def test_poses_out_of_reach_have_no_worth():

@@ -141,10 +141,7 @@ def test_a_gripper_is_read_from_its_closed_end(capsys, tmp_path):
     assert 'gripper turned by 30.5 deg with gripper.counts_per_turn 8192' in err
 
 
-def test_an_existing_calibration_keeps_all_that_it_has(capsys, tmp_path):
-    path = slide_log(tmp_path / 'a.log')
-    output = tmp_path / 'c.yaml'
-    text = """\
+EXISTING = """\
 # Calibration of the left arm.
 /**:
   ros__parameters:
@@ -161,11 +158,35 @@ calibration_record:
   ros__parameters:
     method: "jig"
 """
-    output.write_text(text)
-    before = {section.nodes: section.values for section in read_sections(output)}
-    assert run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)[0] == 0
+
+
+def sections_of(path):
+    """Return the values in a parameter file, by the nodes of their sections."""
+    return {section.nodes: section.values for section in read_sections(path)}
+
+
+@pytest.fixture
+def added(tmp_path, capsys):
+    """Add a slide to an existing calibration; return what does so again, and the file."""
+    path = slide_log(tmp_path / 'a.log')
+    output = tmp_path / 'c.yaml'
+    output.write_text(EXISTING)
+
+    def add(*args):
+        return run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output, *args)
+
+    code, _, err = add()
+    assert code == 0, err
+    return add, output
+
+
+def test_an_existing_calibration_keeps_all_that_it_has(added, tmp_path):
+    _, output = added
+    existing = tmp_path / 'existing.yaml'
+    existing.write_text(EXISTING)
+    before = sections_of(existing)
+    after = sections_of(output)
     written = output.read_text()
-    after = {section.nodes: section.values for section in read_sections(output)}
     assert written.startswith('# Calibration of the left arm.\n# insertion calibrated on ')
     assert after.keys() == before.keys()
     for nodes, values in before.items():
@@ -177,12 +198,18 @@ calibration_record:
         'insertion.counts_per_metre',
         'insertion.range',
     }
-    # A second time only with --force, and then with one line of comment as before.
-    code, _, err = run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output)
+
+
+def test_a_slide_is_added_a_second_time_only_with_force(added):
+    """Then with one line of comment as before."""
+    add, output = added
+    written = output.read_text()
+    code, _, err = add()
     assert code == 1
     assert 'already has insertion.zero_count; expected --force' in err
     assert output.read_text() == written
-    assert run(capsys, path, *SLIDE, '--insertion', *ENDS, '-o', output, '--force')[0] == 0
+    code, _, err = add('--force')
+    assert code == 0, err
     assert output.read_text().count('# insertion calibrated on ') == 1
 
 
