@@ -11,6 +11,7 @@ stated; those of the motors follow their joints: th1A, th1B, th1C, and th3A of a
 """
 
 from spm_haptic_master.force.controller import ForceController
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.gravity import Gravity, identify_gravity
 from spm_haptic_master.force.rendering import render, Rendered
 from spm_haptic_master.force.samples import (
@@ -22,7 +23,6 @@ from spm_haptic_master.force.samples import (
     ForceState,
     Wrench,
 )
-from spm_haptic_master.force.statics import ForceLimits
 
 __all__ = [
     'Condition',

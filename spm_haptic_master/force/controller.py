@@ -11,6 +11,7 @@ from math import hypot
 import numpy as np
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.force.energy import EnergyBudget, HANDLE_DAMPING, JOINT_DAMPING
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.gravity import Gravity
 from spm_haptic_master.force.handle_torque import HandleTorque
 from spm_haptic_master.force.joint_motion import JointMotion
@@ -34,9 +35,9 @@ from spm_haptic_master.force.samples import (
     READY,
     Reason,
 )
-from spm_haptic_master.force.statics import clipped, ForceLimits, Torques
+from spm_haptic_master.force.statics import clipped, Torques
 from spm_haptic_master.force.support import Support
-from spm_haptic_master.force.vectors import added, NOTHING, scaled, shortened, subtracted
+from spm_haptic_master.force.vectors import NOTHING, shortened
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import jacobian, RIG_WORKING_MODE
@@ -48,21 +49,21 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_from_quaternion,
     vector_from_quaternion,
 )
-from spm_haptic_master.kinematics.vectors import dot
+from spm_haptic_master.kinematics.vectors import added, dot, scaled, subtracted
 
-# Longest gap between two samples that the torque survives (s).
+# Longest time between two samples over which the torque goes on (s).
 GAP = 0.01
 GAP_NS = round(1e9 * GAP)
-# A stamp that is older by up to this is a sample that comes again or too late; beyond, the clock
-# was set back (ns).
+# A stamp that is older by up to this (ns) is a sample that comes again or too late; the clock was
+# set back if it is older than that.
 LATE_NS = 1_000_000_000
-# Time without torque between off and ready (s).
+# Time for which force is wanted between off and ready (s).
 IDLE = 0.1
-# From a sample to its torque at the motors (s), and periods that are so much longer (s) that the
-# torque of two samples counts.
+# Time from a sample until its torque is at the motors (s), and the period (s) above which the
+# torques of two samples were in force one after the other.
 LATENCY = 1e-3
 LONG_PERIOD = 1.1e-3
-# Slowest handle that moves (rad/s): the noise of the encoders makes 0.05.
+# Speed (rad/s) below which the handle is at rest: the noise of the encoders makes 0.05.
 REST_SPEED = 0.2
 
 
@@ -86,7 +87,7 @@ class ForceController:
     Attributes
     ----------
     output : ForceOutput
-        Of the latest sample.
+        The output for the latest sample.
 
     Raises
     ------
@@ -113,11 +114,11 @@ class ForceController:
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
-        # The last two commands, and the orientation of the last sample.
+        # The commands of the last sample and of that before, and the last orientation.
         self._last = Command(self._zero, NOTHING, NOTHING)
         self._before = self._last
-        self._pose: Quaternion[float] | None = None
-        # Share that a fade has left (unit 1), and the motor torques from which it began, N m.
+        self._orientation: Quaternion[float] | None = None
+        # Share that a fade has left (unit 1), and the motor torques at its begin, N m.
         self._fade_left = 0.0
         self._fade_start: Torques = self._zero
         self._stamp = LONG_AGO
@@ -134,7 +135,7 @@ class ForceController:
         )
 
     def acknowledge(self) -> bool:
-        """End a latched fault; return whether there was one. What bears the handle stays."""
+        """End a latched fault; return whether there was one. Weight and end stop stay."""
         if self._state.condition is not Condition.FAULT:
             return False
         if self._state.why is Reason.ENERGY:
@@ -144,7 +145,7 @@ class ForceController:
         return True
 
     def has_seen(self, stamp: int) -> bool:
-        """Return whether a stamp, ns, is not newer than the last sample: it changes nothing."""
+        """Whether a stamp, ns, is not newer than that of the last sample: it changes nothing."""
         return -LATE_NS <= stamp - self._stamp <= 0
 
     def weakness(self, quaternion: Quaternion[float]) -> float | None:
@@ -167,9 +168,19 @@ class ForceController:
 
     def take(self, sample: ForceSample) -> ForceOutput:
         """
-        Return the motor torques for a sample: once for each, in the order of their stamps.
+        Return the motor torques for a sample.
 
-        A sample with the stamp of the last one, or an older one, changes nothing.
+        Parameters
+        ----------
+        sample : ForceSample
+            The samples come in the order of their stamps: one with the stamp of the last sample,
+            or an older one, changes nothing.
+
+        Returns
+        -------
+        ForceOutput
+            Motor torques, state and figures.
+
         """
         if self.has_seen(sample.stamp):
             return self.output
@@ -187,7 +198,7 @@ class ForceController:
         command, rendered = self._command(sample, is_sound, dt)
         self._before = self._last
         self._last = command
-        self._pose = sample.quaternion
+        self._orientation = sample.quaternion
         self.output = ForceOutput(
             state=self._state,
             motor_torque=command.motor_torque,
@@ -202,7 +213,7 @@ class ForceController:
     # Time, pose and energy ----------------------------------------------------------------------
 
     def _advance(self, stamp: int) -> float:
-        """Return the time since the sample before, s; 0 after a gap, which ends all torque."""
+        """Return the time since the last sample, s; 0 after a gap, which ends all torque."""
         elapsed = stamp - self._stamp
         self._stamp = stamp
         if 0 < elapsed <= GAP_NS:
@@ -214,7 +225,7 @@ class ForceController:
         return 0.0
 
     def _place(self, quaternion: Quaternion[float] | None) -> bool:
-        """Take the pose; return whether there is one, and all legs reach it."""
+        """Move the statics to an orientation; return whether there is one that all legs reach."""
         if quaternion is None:
             return False
         try:
@@ -230,26 +241,28 @@ class ForceController:
         if work is None:
             return
         if self._before.weight is not NOTHING or dt > LONG_PERIOD:
-            work += self._work_beside(sample.quaternion, dt)
+            work += self._correction(sample.quaternion, dt)
         asked = added(self._handle.asked, self._support.end_stop)
         self._energy.count(work, asked, dt)
         if self._state is ENGAGED or self._state is HOLDING:
-            self._energy.use(dt)
+            self._energy.note_wrench(dt)
         if sample.velocity is not None and hypot(*sample.velocity) < REST_SPEED:
-            self._energy.rest(dt)
+            self._energy.recover(dt)
 
-    def _work_beside(self, quaternion: Quaternion[float] | None, dt: float) -> float:
-        """Return what counts beside the motor torques of two samples before, J."""
-        if quaternion is None or self._pose is None:
+    def _correction(self, quaternion: Quaternion[float] | None, dt: float) -> float:
+        """Return the work, J, to be added to that of the motor torques of two samples before."""
+        if quaternion is None or self._orientation is None:
             return 0.0
-        turn = vector_from_quaternion(*multiply_quaternions(quaternion, conjugate(self._pose)))
+        turn = vector_from_quaternion(
+            *multiply_quaternions(quaternion, conjugate(self._orientation))
+        )
         # The ideal weight torque is conservative: only the motors' deviation from it is work.
         work = -dot(self._before.weight, turn)
         before = self._before.wrench
         last = self._last.wrench
         if dt > LONG_PERIOD and before is not None and last is not None:
-            # For the rest of the period the torque of the last sample was in force. That of a lock
-            # or of damping has the noise of the last angles, which would count as work.
+            # After the latency the torque of the last sample was in force. Only that of the wrench
+            # counts: that of a lock or of damping has the noise of the last angles.
             change = subtracted(last, before)
             work += (1.0 - LATENCY / dt) * dot(change, turn)
         return work
@@ -262,7 +275,7 @@ class ForceController:
         obstacle: Reason | None,
         dt: float,
     ) -> None:
-        """Change the state where a sample asks for it."""
+        """Change the state if the sample and its obstacle require it."""
         if self._state is OFF:
             self._leave_off(sample, dt)
         elif self._state is READY:
@@ -289,7 +302,7 @@ class ForceController:
             self._enter(READY)
 
     def _leave_ready(self, sample: ForceSample, obstacle: Reason | None) -> None:
-        """Begin with force, fade what the motors bear, or switch off."""
+        """Begin with force, fade weight and end stop, or switch off."""
         may_begin = self._may_begin(sample)
         if obstacle in ENDS_ALL and self._support.has_torque:
             self._enter(ForceState(Condition.FADING, obstacle))
@@ -303,7 +316,7 @@ class ForceController:
             self._enter(HOLDING)
 
     def _worsen(self, obstacle: Reason | None) -> None:
-        """Let a worse reason replace that of a fade, or of a fault that bears the weight."""
+        """Let a worse reason replace that of a fade, or of a fault with weight and end stop."""
         is_fault = self._state.condition is Condition.FAULT
         if is_fault and not self._support.has_torque:
             return
@@ -316,7 +329,7 @@ class ForceController:
             self._enter(HOLDING)
 
     def _enter(self, state: ForceState) -> None:
-        """Assign the state: the only place."""
+        """Enter a state: the only place that assigns it."""
         before = self._state
         self._obstacles.restart()
         self._handle.restart_wrench()
@@ -337,9 +350,9 @@ class ForceController:
         self, sample: ForceSample, is_sound: bool, dt: float
     ) -> tuple[Command, Vector[float] | None]:
         """
-        Return the command of a sample, and what the handle gets of it; None if not known.
+        Return the command of a sample, and the torque that the handle gets; None if not known.
 
-        `is_sound` is whether orientation and motors may be relied on.
+        `is_sound` is whether orientation and motors can be relied on.
         """
         if self._state.is_fading:
             self._fade(dt)
@@ -362,7 +375,7 @@ class ForceController:
         return self._rendered(sample)
 
     def _rendered(self, sample: ForceSample) -> tuple[Command, Vector[float]]:
-        """Return the command for wrench, lock, damping and support, and what the handle gets."""
+        """Return the command for all torques together, and the torque that the handle gets."""
         support = self._support
         handle = self._handle
         if not (any(handle.asked) or handle.ramp or support.has_torque):
@@ -371,7 +384,7 @@ class ForceController:
         if any(support.end_stop):
             stop = scaled(self._energy.share, support.end_stop)
             torque = shortened(added(torque, stop), self._limits.torque)
-        ramp = handle.ramp * self._left
+        ramp = handle.ramp * (self._fade_left if self._state.is_fading else 1.0)
         energy_damping = self._energy.damping * max(ramp, support.share)
         if sample.velocity is not None:
             damping = self._limits.damping * ramp + HANDLE_DAMPING * energy_damping
@@ -383,13 +396,8 @@ class ForceController:
         wrench = handle.asked if sample.lock is None else None
         return Command(motor_torque, support.weight, wrench), rendered
 
-    @property
-    def _left(self) -> float:
-        """Share (unit 1) that a fade has left of the torque; 1 where there is none."""
-        return self._fade_left if self._state.is_fading else 1.0
-
     def _fade(self, dt: float) -> None:
-        """Take a step of the fade; end it when nothing is left."""
+        """Fade for a period, s; enter the state after the fade once nothing is left."""
         why = self._state.why
         # After a gap no torque is left to fade.
         step = dt / (DRIVE_FADE if why is Reason.DRIVE else FADE) if dt else 1.0
@@ -402,11 +410,11 @@ class ForceController:
             self._enter(ForceState(Condition.FAULT, why) if why in LATCHED else READY)
 
     def _faded(self) -> Torques:
-        """Return the torques of a fade of all torque: without damping, as angles may be wrong."""
+        """Return the faded motor torques of its begin: no damping, as angles may be wrong."""
         return tuple([self._fade_left * torque for torque in self._fade_start])
 
     def _damped(self, torques: Torques, share: float) -> Torques:
-        """Add a share of the joint damping, and keep each motor within its limit."""
+        """Return torques with a share of the joint damping, each motor within its limit."""
         limit = self._limits.motor_torque
         velocity = self._motion.velocity or self._zero
         return tuple(
@@ -423,5 +431,5 @@ def _is_wanted(sample: ForceSample) -> bool:
 
 
 def _severity(why: Reason | None) -> int:
-    """Return how much a reason ends: all torque more than the wrench alone, a fault more."""
+    """Rank a reason: one that ends all torque above one of the wrench alone, then a fault."""
     return 2 * (why in ENDS_ALL) + (why in LATCHED)

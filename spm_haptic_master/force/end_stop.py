@@ -15,18 +15,19 @@ so that a torque along -n or n pushes back. Within `end_stop` of an end, at a de
 
     torque = min(K, limit / end_stop) max(0, d + LEAD d'),        K = 2 N m/rad
 
-which is a spring with damping K LEAD that never pulls. It is conservative but for the damping.
+which is a spring with the damping K LEAD that never pulls. Without the damping it is conservative.
 """
 
 from __future__ import annotations
 
 from math import acos, cos, sqrt
 
-from spm_haptic_master.force.statics import ForceLimits, LegPose, MotorRates
-from spm_haptic_master.force.vectors import added, NOTHING, scaled
+from spm_haptic_master.force.force_limits import ForceLimits
+from spm_haptic_master.force.statics import LegPose, MotorRates
+from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.geometry import Geometry, Leg
 from spm_haptic_master.kinematics.number_backends import Vector
-from spm_haptic_master.kinematics.vectors import dot
+from spm_haptic_master.kinematics.vectors import added, dot, scaled
 
 # Stiffness of the wall (N m/rad): a stiffer one would swing at the latency of a sample.
 STIFFNESS = 2.0
@@ -63,7 +64,8 @@ class EndStop:
         """
         Return the torque of the wall, N m in the base frame, in the pose of the rates.
 
-        None without the angular velocity of the handle, rad/s: nothing could damp it.
+        `velocity` is the angular velocity of the handle, rad/s; without it there is no torque,
+        because nothing could damp it.
         """
         if velocity is None or not self._begin:
             return NOTHING
@@ -95,14 +97,14 @@ class EndStop:
 
 class LegEnds:
     """
-    The two ends of a leg's reach.
+    The two ends of a leg's reach, and the poses that are far from both.
 
     Attributes
     ----------
     folded, stretched : float
         Angles between Z1k and Z3k there, rad.
     least, most : float
-        Cosines of the angles up to which the leg is far from both ends.
+        Least and largest cosine of the angle between the axes far from both ends.
 
     """
 

@@ -4,10 +4,11 @@
 """
 Gravity of the handle and the links: the torque that holds them, and its identification.
 
-What hangs on the platform, and what the distal links put on it, is one mass times offset in the
-platform frame. A proximal link, and what its distal link puts on it, is one in the plane across
-Z1k: along Z2k and along Z1k x Z2k. The centre of a distal link lies in the plane of its two axes,
-as of an arc in that plane. With the weight g along `down` such an offset r holds still by
+The weight on the platform, with the part of the distal links that it carries, is one mass times
+offset in the platform frame. That of a proximal link, with the part of its distal link, is one in
+the plane across Z1k: along Z2k and along Z1k x Z2k. The centre of a distal link is taken to lie in
+the plane of its two axes, as that of an arc. With the acceleration g of gravity, `down`, such a
+product r of mass and offset is held still by
 
     in the platform       r x (-g)                     on the handle
     in proximal link k    -(g . (Z1k x r))  G_k        on the handle: a torque on th1k
@@ -23,19 +24,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.statics import ForceLimits, LegConstants, MotorRates
-from spm_haptic_master.force.vectors import added, scaled, subtracted
+from spm_haptic_master.force.statics import LegConstants, MotorRates
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Vector
-from spm_haptic_master.kinematics.vectors import cross, dot, times
+from spm_haptic_master.kinematics.vectors import added, cross, dot, scaled, subtracted, times
 
 # Standard gravity, along -z of the base frame (m/s^2).
 STANDARD: Vector[float] = (0.0, 0.0, -9.80665)
-# Fewest poses of an identification, and least number of directions that they determine of the nine
-# values: a proximal link with a vertical axis hangs on nothing, which leaves seven.
+# Fewest poses of an identification, and least number of the nine values that they determine: the
+# axis of one proximal link may be vertical, so that its two values make no torque.
 FEWEST_POSES = 6
 LEAST_RANK = 7
 # Smallest singular value over the largest that determines a direction (unit 1).
@@ -44,17 +45,27 @@ DETERMINED = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Gravity:
-    """Masses times offsets from the centre of rotation, kg m."""
+    """
+    Masses times offsets from the centre of rotation.
 
-    handle: Vector[float] = (0.0, 0.0, 0.0)  # in the platform frame
-    # Of the proximal links A, B, C: along Z2k and along Z1k x Z2k.
+    Attributes
+    ----------
+    handle : tuple of three float
+        Of the handle in the platform frame, kg m.
+    proximal : tuple of six float
+        Of the proximal links A, B, C, each along Z2k and along Z1k x Z2k, kg m.
+    down : tuple of three float
+        Acceleration of gravity in the base frame, which may be mounted aslant, m/s^2.
+
+    """
+
+    handle: Vector[float] = (0.0, 0.0, 0.0)
     proximal: tuple[float, ...] = (0.0,) * 6
-    # Acceleration of gravity in the base frame, m/s^2: of a base that is mounted aslant too.
     down: Vector[float] = STANDARD
 
 
 class LinkWeight:
-    """The torque that holds a proximal link, by what of it does not depend on the pose."""
+    """The torque that holds a proximal link; what does not depend on the pose is computed once."""
 
     __slots__ = ('_across', '_along', '_constant', '_number', '_torque')
 

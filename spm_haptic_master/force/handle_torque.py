@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from math import hypot
 
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.lock import Lock
 from spm_haptic_master.force.samples import FADE, ForceSample, Wrench
-from spm_haptic_master.force.statics import ForceLimits
-from spm_haptic_master.force.vectors import added, moved, NOTHING, scaled, shortened
+from spm_haptic_master.force.vectors import moved, NOTHING, shortened
 from spm_haptic_master.kinematics.number_backends import Rotation, Vector
-from spm_haptic_master.kinematics.vectors import times
+from spm_haptic_master.kinematics.vectors import added, scaled, times
 
 
 class HandleTorque:
     """
-    What is asked of the handle, from sample to sample.
+    The torque of wrench and lock on the handle, from sample to sample.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class HandleTorque:
         self._lock.release()
 
     def drop(self) -> None:
-        """Begin with no torque, as the drives may have dropped it."""
+        """Begin with no torque after a gap, as the drives may have dropped it; the ramps stay."""
         self.asked = NOTHING
 
     def restart_wrench(self) -> None:
@@ -56,7 +56,7 @@ class HandleTorque:
         self._fade_start = self.asked
 
     def fade(self, left: float) -> None:
-        """Leave a share of what was asked at the begin of the fade."""
+        """Leave a share (unit 1) of the torque at the begin of the fade."""
         self.asked = scaled(left, self._fade_start)
 
     def follow(
@@ -68,7 +68,7 @@ class HandleTorque:
         dt: float,
     ) -> None:
         """
-        Move what is asked to wrench and lock of a sample.
+        Move the torque toward that of wrench and lock of a sample.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class HandleTorque:
         has_wrench : bool
             Whether the wrench is rendered, or the lock alone.
         share : float
-            Of both, that the energy leaves (unit 1).
+            Share of both that the energy budget leaves (unit 1).
         rotation : tuple of nine float
             R_base_platform, row by row.
         dt : float
@@ -87,7 +87,7 @@ class HandleTorque:
         self._grow(dt)
         wanted = NOTHING
         if sample.velocity is not None:
-            # Without a velocity nothing could damp what they do.
+            # Without a velocity nothing could damp the motion that they cause.
             if has_wrench and sample.wrench is not None:
                 wanted = self._of_wrench(sample.wrench, sample.stamp, share, rotation)
             wanted = self._with_lock(wanted, sample, share, dt)
@@ -107,7 +107,7 @@ class HandleTorque:
         share: float,
         rotation: Rotation[float],
     ) -> Vector[float]:
-        """Return the part of a wrench that is rendered, N m in the base frame."""
+        """Return the torque of a wrench that is rendered at a stamp, ns; N m in the base frame."""
         length = hypot(*wrench.torque)
         limit = self._limit_by_age(1e-9 * (stamp - wrench.received))
         if share * length > limit:
@@ -119,7 +119,7 @@ class HandleTorque:
         """
         Return the largest torque of a wrench by its age, s.
 
-        From a third of the longest age on it falls, so that less is left to fade at its end.
+        From a third of the longest age on it falls, so that little is left to fade at that age.
         """
         limits = self._limits
         begin = limits.wrench_age / 3.0

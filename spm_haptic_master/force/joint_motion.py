@@ -6,10 +6,9 @@
 from __future__ import annotations
 
 from collections import deque
-from math import isfinite, remainder, tau
-from operator import mul
+from math import inf, isfinite, remainder, tau
 
-from spm_haptic_master.force.statics import FOUR, Torques
+from spm_haptic_master.force.statics import Torques
 
 # Time over which a joint velocity is averaged (ns), and samples that are kept for it.
 WINDOW = 10_000_000
@@ -20,39 +19,49 @@ FASTEST = 30.0
 
 
 class JointMotion:
-    """Differences and velocities of the raw angles of some motors: the first of a sample."""
+    """
+    Motion of the first joints of a sample, which have motors.
 
-    __slots__ = ('_has_four', '_kept', '_last', '_motors', 'is_missing')
+    Parameters
+    ----------
+    motors : {3, 4}
+        Number of motors.
+
+    Attributes
+    ----------
+    is_missing : bool
+        Whether the angle of a motor is missing in the latest sample.
+
+    """
+
+    __slots__ = ('_kept', '_motors', 'is_missing')
 
     def __init__(self, motors: int) -> None:
         self._motors = motors
-        self._has_four = motors == FOUR
-        # Stamps and raw angles, and the latest of these.
+        # Stamps (ns) and raw angles (rad) of the latest samples without a jump between them.
         self._kept: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=KEPT)
-        self._last: tuple[float, ...] | None = None
-        self.is_missing = False  # whether an angle is missing in the latest sample
+        self.is_missing = False
 
     def restart(self) -> None:
         """Forget the motion."""
         self._kept.clear()
-        self._last = None
 
     def work(
         self,
         stamp: int,
-        angles: Torques,
+        angles: tuple[float, ...],
         torques: Torques,
         dt: float,
     ) -> float | None:
         """
-        Take a sample; return the work of motor torques since the sample before, J.
+        Follow a sample; return the work of the motors since the sample before, J.
 
         Parameters
         ----------
         stamp : int
             Time of the sample, ns.
         angles : tuple of float
-            All raw angles, rad.
+            All raw angles, rad; NaN of a joint without a reading.
         torques : tuple of float
             Torques of the motors that were in force meanwhile, N m.
         dt : float
@@ -61,44 +70,23 @@ class JointMotion:
         Returns
         -------
         float or None
-            None where an angle is missing at one of its ends, or has jumped.
+            None if a motor's angle is missing in one of the two samples, or has jumped.
 
         """
-        most = FASTEST * dt
-        last = self._last
         work = None
-        if last is not None:
-            x = angles[0] - last[0]
-            y = angles[1] - last[1]
-            z = angles[2] - last[2]
-            square = x * x + y * y + z * z
-            usual = torques[0] * x + torques[1] * y + torques[2] * z
-            if self._has_four:
-                w = angles[3] - last[3]
-                square += w * w
-                usual += torques[3] * w
-            if square <= most * most:
-                # The usual case.
-                self._kept.append((stamp, angles))
-                self._last = angles
-                return usual
-        own = angles[: self._motors]
-        self.is_missing = not isfinite(sum(own))
-        if last is not None and not self.is_missing:
-            # A raw angle differs by a turn where the joint does not.
-            turned = [remainder(new - old, tau) for new, old in zip(own, last, strict=False)]
-            if max(map(abs, turned)) <= most:
-                work = sum(map(mul, torques, turned))
+        if self._kept:
+            _, before = self._kept[-1]
+            work = _work(torques, angles, before, FASTEST * dt)
         if work is None:
             self.restart()
+            self.is_missing = not isfinite(sum(angles[: self._motors]))
         if not self.is_missing:
             self._kept.append((stamp, angles))
-            self._last = angles
         return work
 
     @property
     def velocity(self) -> Torques | None:
-        """Velocity of the joints, rad/s, over `WINDOW`; None before half of it."""
+        """Velocity of the motors' joints, rad/s, over `WINDOW`; None before half of it."""
         kept = self._kept
         if not kept:
             return None
@@ -115,3 +103,22 @@ class JointMotion:
                 for angle, last in zip(angles, begin[: self._motors], strict=False)
             ]
         )
+
+
+def _work(
+    torques: Torques,
+    angles: tuple[float, ...],
+    before: tuple[float, ...],
+    most: float,
+) -> float | None:
+    """Return the work of torques (N m) between angles, J; None if a joint turns more than most."""
+    work = 0.0
+    for torque, angle, last in zip(torques, angles, before, strict=False):
+        turn = angle - last
+        if not -most <= turn <= most:
+            # A raw angle may differ by a turn where the joint does not.
+            turn = remainder(turn, tau) if isfinite(turn) else inf
+            if abs(turn) > most:
+                return None
+        work += torque * turn
+    return work

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from spm_haptic_master.force.vectors import scaled
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
     conjugate,
@@ -14,6 +13,7 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_distance,
     vector_from_quaternion,
 )
+from spm_haptic_master.kinematics.vectors import scaled
 
 # Speed of the spring's centre (rad/s). A spring of 1 N m/rad that begins 30 deg away from the
 # handle would turn a free one at 5 rad/s.

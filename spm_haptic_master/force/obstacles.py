@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from math import hypot, inf
 
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.samples import (
     Drives,
     ForceSample,
@@ -15,19 +16,18 @@ from spm_haptic_master.force.samples import (
     SMALL_MESSAGES,
     Wrench,
 )
-from spm_haptic_master.force.statics import ForceLimits
 
 
 class Obstacles:
-    """Conditions of force, evaluated at each sample."""
+    """The conditions of force, which each sample has to meet, and the count of small wrenches."""
 
     __slots__ = ('_count', '_latest', '_limits', '_longest')
 
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
-        # Oldest wrench, and the one furthest ahead of its sample, ns.
+        # Largest age of a wrench, and largest time that it may be ahead of its sample, ns.
         self._longest = round(limits.wrench_age * 1e9)
-        # Time of the latest wrench that was counted, ns, and small wrenches in a row.
+        # Arrival of the latest wrench that was counted, ns, and small wrenches in a row.
         self._latest = LONG_AGO
         self._count = 0
 
@@ -44,7 +44,7 @@ class Obstacles:
         energy_generated: bool,
     ) -> Reason | None:
         """
-        Return the first obstacle: those that end all torque precede the others.
+        Return the first obstacle, those that end all torque before the others; None without any.
 
         Parameters
         ----------
@@ -55,7 +55,7 @@ class Obstacles:
         angle_missing : bool
             Whether the angle of a motor is missing.
         energy_generated : bool
-            Whether the energy has left the wrench without use for too long.
+            Whether the energy budget is spent.
 
         """
         return (
@@ -104,23 +104,23 @@ class Obstacles:
         return None if sample.present else Reason.ABSENT
 
     def _of_age(self, sample: ForceSample) -> Reason | None:
-        """Return whether the wrench is missing; with clutch or lock none is needed."""
+        """Return STALE if the wrench is missing or too old; with clutch or lock none is needed."""
         if sample.clutched or sample.lock is not None:
             return None
         return Reason.STALE if self.is_old(sample.wrench, sample.stamp) else None
 
     def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:
-        """Count the latest wrench; return whether enough in a row have been small."""
+        """Count a wrench that is new; return whether `SMALL_MESSAGES` in a row have been small."""
         if wrench is None or self.is_old(wrench, stamp):
             self._count = 0
             return False
         if wrench.received != self._latest:
             self._latest = wrench.received
-            # The length of a torque that is not finite is not below the limit either.
+            # A torque that is not finite is not below the limit either.
             is_small = hypot(*wrench.torque) < self._limits.small_torque
             self._count = self._count + 1 if is_small else 0
         return self._count >= SMALL_MESSAGES
 
     def is_old(self, wrench: Wrench | None, stamp: int) -> bool:
-        """Return whether a wrench is older than the time-out, or later by as much."""
+        """Whether a wrench is missing, or older or newer than a stamp (ns) by too much."""
         return wrench is None or abs(stamp - wrench.received) > self._longest

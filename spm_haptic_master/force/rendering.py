@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.force.statics import ForceLimits, FOUR, FourMotors, THREE
+from spm_haptic_master.force.force_limits import ForceLimits
+from spm_haptic_master.force.four_motors import FourMotors
+from spm_haptic_master.force.statics import FOUR, THREE
 from spm_haptic_master.force.three_motors import ThreeMotors
 from spm_haptic_master.kinematics.checks import (
     check_array,

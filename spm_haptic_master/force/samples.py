@@ -61,7 +61,7 @@ LATCHED = frozenset(
         Reason.ENERGY,
     )
 )
-# Reasons that leave neither orientation nor motors to rely on: all torque fades with them.
+# Reasons for which orientation or motors cannot be relied on: all torque fades with them.
 ENDS_ALL = frozenset(
     (
         Reason.DRIVE,
@@ -73,13 +73,14 @@ ENDS_ALL = frozenset(
         Reason.SPEED,
     )
 )
-# Reasons for which weight and end stop go, too, by the slope of their ramp. With the others they
-# stay: these say nothing about orientation and motors.
+# Reasons for which weight and end stop end as well, by the slope of their ramp. With the others
+# they stay, because orientation and motors are in order.
 ENDS_SUPPORT = frozenset((Reason.DISABLED, Reason.ENERGY))
 # Consecutive messages with a small torque after which force may begin.
 SMALL_MESSAGES = 3
-# Time in which torque fades out (s); after a drive's fault the other motors alone pull askew. A
-# wrench that ends is no torque after 50 ms: 30 are its longest age, 5 its way.
+# Time in which torque fades out (s); after the fault of a drive it is short, because the torque of
+# the other motors has another direction. A wrench that stops arriving gives no torque after 50 ms:
+# 30 age, 5 transport, 15 fade.
 FADE = 0.015
 DRIVE_FADE = 0.003
 
@@ -143,7 +144,7 @@ class Drives(Enum):
 class Wrench:
     """The torque that the hand is to feel, as it arrived."""
 
-    received: int  # time of its arrival, ns, on the clock of the samples; each has its own
+    received: int  # time of arrival on the clock of the samples, ns; no two have the same
     torque: Vector[float]  # about the centre of rotation, N m
     in_handle: bool = False  # whether in the handle's frame; else in the base frame
 
@@ -188,11 +189,11 @@ class ForceOutput:
 
 @dataclass(slots=True)
 class Command:
-    """What is commanded with a sample."""
+    """The command of a sample, with what the energy of the next ones counts."""
 
     motor_torque: Torques  # N m
-    weight: Vector[float]  # torque on the handle that the weight asked for, N m
-    # Torque that the wrench asked of the handle, N m; None where a lock is in it.
+    weight: Vector[float]  # torque on the handle that compensates the weight, N m
+    # Torque of the wrench on the handle, N m; None if a lock is in it.
     wrench: Vector[float] | None
 
 

@@ -1,16 +1,18 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What bears the handle beside the wrench: the compensation of its weight, and the end stop."""
+"""The torques on the handle beside wrench and lock: weight compensation and end stop."""
 
 from __future__ import annotations
 
 from spm_haptic_master.force.end_stop import EndStop
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.gravity import Gravity, Weight
-from spm_haptic_master.force.statics import ForceLimits, MotorRates
-from spm_haptic_master.force.vectors import NOTHING, scaled
+from spm_haptic_master.force.statics import MotorRates
+from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import Vector
+from spm_haptic_master.kinematics.vectors import scaled
 
 
 class Support:
@@ -66,7 +68,7 @@ class Support:
 
     @property
     def has_torque(self) -> bool:
-        """Whether either has torque."""
+        """Whether weight or end stop have torque."""
         return any(self.weight) or any(self.end_stop)
 
     @property
@@ -82,12 +84,12 @@ class Support:
         dt: float,
     ) -> None:
         """
-        Let both come or go by a step of the ramp, in the pose of the rates.
+        Raise or lower both by a step of the ramp, in the pose of the rates.
 
         Parameters
         ----------
         is_wanted : bool
-            Whether both may be.
+            Whether both may have torque.
         is_weight_wanted : bool
             Whether the weight is to be compensated, too.
         velocity : tuple of three float or None
@@ -106,5 +108,5 @@ class Support:
 
 
 def _stepped(share: float, is_wanted: bool, step: float) -> float:
-    """Return a share that comes or goes by a step, 0 to 1."""
+    """Return a share (unit 1) that is raised or lowered by a step, 0 to 1."""
     return min(1.0, share + step) if is_wanted else max(0.0, share - step)

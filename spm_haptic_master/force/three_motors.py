@@ -4,9 +4,10 @@
 """
 Motor torques of three motors, on th1A, th1B, th1C.
 
-For a torque m on the handle tau = G^-T m: exact, and infinite at the parallel singularity, where
-s_3, the smallest singular value of G, is 0. The handle's direction v of that value is the weak
-one; the other two are strong everywhere in the workspace (s_2 is at least 1.2). So
+The motor torques tau = G^-T m for a torque m on the handle are exact, and infinite at the parallel
+singularity, where s_3, the smallest singular value of G, is 0. The handle's direction v of that
+value is the weak one; the other two are strong everywhere in the workspace (s_2 is at least 1.2).
+So tau is the sum of two parts, with the limits off and full of s_3:
 
     strong part  the least-norm tau for m without its part along v, as a whole within the limit
     weak part    smoothstep((s_3 - off) / (full - off)) of what is left of G^-T m, as a vector no
@@ -23,12 +24,12 @@ Motor torques are continuous over the workspace. What the handle gets is G^T tau
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import copysign, hypot, inf, sqrt
 
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.statics import (
     clipped,
-    ForceLimits,
+    divided,
     MotorRates,
     smoothstep,
     THREE,
@@ -36,12 +37,12 @@ from spm_haptic_master.force.statics import (
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.number_backends import Vector
-from spm_haptic_master.kinematics.vectors import cross, dot
+from spm_haptic_master.kinematics.number_backends import Rotation, Vector
+from spm_haptic_master.kinematics.vectors import cross, dot, scaled, times, transposed_times
 
 # Longest vector of motor torques along the weak direction, far from the surface, over the limit of
-# one motor; and where it would be none, over `off` (unit 1): by the table of docs/force, so that
-# three poses of four stay exact and a relaxed hand is thrown little.
+# one motor (unit 1); and the s_3 at which it would be 0, over `off` (unit 1). By the table of
+# docs/force: three poses of four stay exact, and a relaxed hand is thrown little.
 BOUND = 1.4
 BEGIN = 0.2
 # Steps of the inverse iteration. Wherever s_3 is below 0.3 in the workspace the handle's axis Z_E
@@ -53,18 +54,18 @@ STEPS = 2
 class ThreeMotors(MotorRates):
     """Statics of three motors in the pose that `place` took last."""
 
-    __slots__ = ('_limit', '_near', '_square')
+    __slots__ = ('_least', '_square')
 
     def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
         super().__init__(geometry, working_mode, THREE, limits)
-        # The s_3 beyond which all is whole: the bound is above the limit of one motor.
-        near = max(
+        # The s_3 above which the weak part is whole: its bound is above the limit of one motor.
+        whole = max(
             limits.sigma_full,
             BEGIN * limits.sigma_off * (BOUND / (BOUND - 1.0) if BOUND > 1.0 else inf),
         )
-        # A row of G is as long as sin beta / |B_kk|.
-        self._near = 0.5 * near * max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
-        self._limit = limits.motor_torque
+        # Least 2 |det G| over the sum of the 1 / B_kk^2 with which s_3 is above it: a row of G is
+        # as long as sin beta / |B_kk|.
+        self._least = 0.5 * whole * max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
         self._square = limits.motor_torque**2
 
     def strength(self, direction: Vector[float]) -> float:
@@ -105,7 +106,7 @@ class ThreeMotors(MotorRates):
         determinant = ax * px + ay * py + az * pz
         # s_3 is 2 |det G| over the sum of the squares of G, or more.
         inverse_reach = 1.0 / leg_a.reach + 1.0 / leg_b.reach + 1.0 / leg_c.reach
-        least = self._near * wa * wb * wc * inverse_reach
+        least = self._least * wa * wb * wc * inverse_reach
         if determinant * determinant > least * least:
             qx = ay * z - az * y
             qy = az * x - ax * z
@@ -121,78 +122,70 @@ class ThreeMotors(MotorRates):
     def _in_two_parts(self, m: Vector[float]) -> Torques:
         """Return the motor torques from strong and weak part."""
         limits = self.limits
-        limit = self._limit
+        limit = limits.motor_torque
         row_a, row_b, row_c = self.rows()
-        columns = cross(row_b, row_c), cross(row_c, row_a), cross(row_a, row_b)
-        determinant = dot(row_a, columns[0])
-        v, (ua, ub, uc), k = self._weak_direction(columns)
-        sigma = abs(determinant) / k
-        fa, fb, fc = [dot(column, m) for column in columns]
+        cofactors = *cross(row_b, row_c), *cross(row_c, row_a), *cross(row_a, row_b)
+        determinant = dot(row_a, cofactors[:3])
+        v, u, product = self._weak_direction(cofactors)
+        sigma = abs(determinant) / product
+        whole = times(cofactors, m)
         # Strong part: G + u v^T has the same rates across v, and is regular. Its cofactors are
         # those of G, here times m less its part along v, and (G (v x m)) x u.
-        along = k * dot(v, m)
+        along = product * dot(v, m)
         across = cross(v, m)
-        x = dot(row_a, across)
-        y = dot(row_b, across)
-        z = dot(row_c, across)
+        rates = dot(row_a, across), dot(row_b, across), dot(row_c, across)
         sign = copysign(1.0, determinant)
-        regular = determinant + sign * k
-        sa = a = (fa - along * ua + sign * (y * uc - z * ub)) / regular
-        sb = b = (fb - along * ub + sign * (z * ua - x * uc)) / regular
-        sc = c = (fc - along * uc + sign * (x * ub - y * ua)) / regular
-        peak = max(abs(a), abs(b), abs(c))
+        regular = determinant + sign * product
+        exact = [
+            (torque - along * direction + sign * turned) / regular
+            for torque, direction, turned in zip(whole, u, cross(rates, u), strict=True)
+        ]
+        peak = max(map(abs, exact))
+        strong = exact
         if peak > limit:
-            scale = limit / peak
-            a = scale * a
-            b = scale * b
-            c = scale * c
+            strong = [limit / peak * torque for torque in exact]
         share = self._share(sigma)
         if share == 0.0:
-            return clipped(a, limit), clipped(b, limit), clipped(c, limit)
-        wa = fa / determinant - sa
-        wb = fb / determinant - sb
-        wc = fc / determinant - sc
-        length = sqrt(wa * wa + wb * wb + wc * wc)
+            return tuple([clipped(torque, limit) for torque in strong])
+        weak = [torque / determinant - part for torque, part in zip(whole, exact, strict=True)]
+        length = sqrt(weak[0] * weak[0] + weak[1] * weak[1] + weak[2] * weak[2])
         most = BOUND * limit * (1.0 - BEGIN * limits.sigma_off / sigma)
         if share * length > most:
             share = most / length
-        for strong, weak in ((a, wa), (b, wb), (c, wc)):
-            # As much of the weak part as this motor has room for.
-            if strong + share * weak > limit:
-                share = max(0.0, limit - strong) / weak
-            elif strong + share * weak < -limit:
-                share = max(0.0, limit + strong) / -weak
-        return (
-            clipped(a + share * wa, limit),
-            clipped(b + share * wb, limit),
-            clipped(c + share * wc, limit),
-        )
+        return _together(strong, weak, share, limit)
 
     def _weak_direction(
         self,
-        columns: Sequence[Vector[float]],
+        cofactors: Rotation[float],
     ) -> tuple[Vector[float], Vector[float], float]:
         """
         Return the weak direction v, the motors' direction u that belongs to it, and s_1 s_2.
 
-        With the cofactors C of G, C v = s_1 s_2 u; the surface itself is no exception. The inverse
-        of G^T G, but for a factor, stretches the weak direction most.
+        With the cofactors C of G, row by row, C v = s_1 s_2 u; that holds on the surface of the
+        singularity, too. The inverse of G^T G, which is C^T C but for a factor, stretches the weak
+        direction most: the iteration begins at the handle's axis.
         """
-        (px, py, pz), (qx, qy, qz), (rx, ry, rz) = columns
-        _, _, x, _, _, y, _, _, z = self.rotation
+        v = self.rotation[2], self.rotation[5], self.rotation[8]
         for _ in range(STEPS):
-            p = px * x + py * y + pz * z
-            q = qx * x + qy * y + qz * z
-            r = rx * x + ry * y + rz * z
-            x = p * px + q * qx + r * rx
-            y = p * py + q * qy + r * ry
-            z = p * pz + q * qz + r * rz
-        scale = 1.0 / sqrt(x * x + y * y + z * z)
-        x = scale * x
-        y = scale * y
-        z = scale * z
-        p = px * x + py * y + pz * z
-        q = qx * x + qy * y + qz * z
-        r = rx * x + ry * y + rz * z
-        k = sqrt(p * p + q * q + r * r)
-        return (x, y, z), (p / k, q / k, r / k), k
+            v = transposed_times(cofactors, times(cofactors, v))
+        v = scaled(1.0 / sqrt(dot(v, v)), v)
+        turned = times(cofactors, v)
+        product = sqrt(dot(turned, turned))
+        return v, divided(turned, product), product
+
+
+def _together(
+    strong: list[float],
+    weak: list[float],
+    share: float,
+    limit: float,
+) -> Torques:
+    """Return strong part and a share of the weak part, as much as each motor has room for; N m."""
+    for torque, part in zip(strong, weak, strict=True):
+        if torque + share * part > limit:
+            share = max(0.0, limit - torque) / part
+        elif torque + share * part < -limit:
+            share = max(0.0, limit + torque) / -part
+    return tuple(
+        [clipped(torque + share * part, limit) for torque, part in zip(strong, weak, strict=True)]
+    )

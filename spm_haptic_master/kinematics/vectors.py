@@ -13,6 +13,26 @@ from __future__ import annotations
 from spm_haptic_master.kinematics.number_backends import N, Rotation, Vector
 
 
+def added(u: Vector[N], v: Vector[N]) -> Vector[N]:
+    """Return u + v."""
+    ux, uy, uz = u
+    vx, vy, vz = v
+    return ux + vx, uy + vy, uz + vz
+
+
+def subtracted(u: Vector[N], v: Vector[N]) -> Vector[N]:
+    """Return u - v."""
+    ux, uy, uz = u
+    vx, vy, vz = v
+    return ux - vx, uy - vy, uz - vz
+
+
+def scaled(factor: N, u: Vector[N]) -> Vector[N]:
+    """Return a vector times a factor."""
+    x, y, z = u
+    return factor * x, factor * y, factor * z
+
+
 def dot(u: Vector[N], v: Vector[N]) -> N:
     """Return the scalar product of two vectors."""
     ux, uy, uz = u

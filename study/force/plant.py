@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 from paper.mujoco_model import MultiBody
 from spm_haptic_master.force.gravity import STANDARD
-from spm_haptic_master.force.vectors import added, scaled, subtracted
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -26,7 +25,7 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_from_quaternion,
     vector_from_quaternion,
 )
-from spm_haptic_master.kinematics.vectors import cross, times
+from spm_haptic_master.kinematics.vectors import added, cross, scaled, subtracted, times
 
 # Step of the plant (s), and steps of a control period.
 STEP, STEPS = 1e-4, 10

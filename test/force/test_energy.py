@@ -31,7 +31,7 @@ def spend(budget, energy, steps, asked=(0.0, 0.0, 0.0)):
     found = []
     for _ in range(steps):
         budget.count(energy / steps, asked, DT)
-        budget.use(DT)
+        budget.note_wrench(DT)
         found.append(budget.is_spent)
     return found
 
@@ -184,10 +184,10 @@ def test_the_budget_comes_back_by_time_at_rest():
     budget = EnergyBudget()
     spend(budget, 5e-3, 1)
     for _ in range(60_000):
-        budget.rest(DT)
+        budget.recover(DT)
     assert budget.energy == pytest.approx(ADVANCE - 2e-3)
     for _ in range(60_000):
-        budget.rest(DT)
+        budget.recover(DT)
     assert budget.energy == ADVANCE
 
 
