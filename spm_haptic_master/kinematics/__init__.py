@@ -17,7 +17,8 @@ from spm_haptic_master.kinematics.closed_form import (
     forward_theta3a,
     theta3a_quaternion,
 )
-from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate, estimate_sample
+from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate
+from spm_haptic_master.kinematics.estimation.sample_estimates import estimate_sample
 from spm_haptic_master.kinematics.geometry import Geometry, in_usual_frames
 from spm_haptic_master.kinematics.inverse_model import (
     dexterity,

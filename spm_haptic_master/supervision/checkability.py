@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.estimation.estimates import estimate_sample
+from spm_haptic_master.kinematics.estimation.sample_estimates import estimate_sample
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import measured_angles, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, UsedSensors

@@ -35,7 +35,6 @@ from spm_haptic_master.supervision.protection import integrity
 from spm_haptic_master.supervision.rival import Rival, TRACKED_TURN
 from spm_haptic_master.supervision.sample import Place, Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
-from spm_haptic_master.supervision.solver import total_deviation
 
 # Largest turn between two samples that keeps the truth of every hypothesis beside the orientation
 # (rad): other solutions of the others are further away, but near a fold.
@@ -421,7 +420,7 @@ class Rivals:
         if place is None:
             return True
         turn = self._speed * sample.time_since(place.stamp)
-        turn += TURN_DEVIATIONS * total_deviation(solution)
+        turn += TURN_DEVIATIONS * solution.total_deviation
         return is_within(solution.quaternion, place.quaternion, turn)
 
     def _add(
@@ -446,7 +445,7 @@ class Rivals:
 
     def _found_before(self, rival: Rival, solution: SampleEstimate) -> Rival | None:
         """Return the found rival of the same sensor at a solution, but for noise; else None."""
-        turn = TURN_DEVIATIONS * total_deviation(solution)
+        turn = TURN_DEVIATIONS * solution.total_deviation
         for other, place in self._found():
             if other.sensor != rival.sensor:
                 continue

@@ -23,7 +23,7 @@ from spm_haptic_master.supervision.anchor import FOLD, TURN_DEVIATIONS
 from spm_haptic_master.supervision.parity import ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
 from spm_haptic_master.supervision.sample import Angles, Sample
-from spm_haptic_master.supervision.solver import Solver, total_deviation
+from spm_haptic_master.supervision.solver import Solver
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, withheld
 
 # Smallest share of a sensor's variance in the parity that counts.
@@ -148,7 +148,7 @@ class SensorSet:
         limit = self._window.limit(worth.noise, worth.bias)
         for other in self._others(estimate, sample.angles):
             parity = hypot(*other.parity_vector)
-            reach = turn + TURN_DEVIATIONS * total_deviation(other)
+            reach = turn + TURN_DEVIATIONS * other.total_deviation
             is_in_reach = prior is None or is_within(other.quaternion, prior.quaternion, reach)
             if parity <= limit and is_in_reach:
                 return withheld(
@@ -161,7 +161,7 @@ class SensorSet:
         """Return the solutions of a sample but the one found; duplicates are possible."""
         if self.entries:
             return self.solver.others(found, angles)
-        near = TURN_DEVIATIONS * total_deviation(found)
+        near = TURN_DEVIATIONS * found.total_deviation
         return [
             solution
             for solution in self.solver.every(angles, self.sensors)

@@ -9,18 +9,17 @@ from math import hypot, inf, sqrt
 
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.estimation.estimates import (
-    CONSISTENT,
-    estimate_sample,
-    other_solutions,
-)
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
-from spm_haptic_master.kinematics.estimation.solutions import (
-    all_solutions,
-    fit_near,
+from spm_haptic_master.kinematics.estimation.sample_estimates import CONSISTENT, estimate_sample
+from spm_haptic_master.kinematics.estimation.sensor_faults import (
     implied_fault,
     ImpliedFault,
     parity_curvature,
+)
+from spm_haptic_master.kinematics.estimation.solutions import (
+    all_solutions,
+    fit_near,
+    other_solutions,
 )
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.joints import UsedSensors
@@ -174,13 +173,3 @@ class Solver:
             return abs(parity_curvature(estimate, sensor, self._geometry, self._working_mode))
         except (SpmError, ZeroDivisionError):
             return inf
-
-
-def total_deviation(estimate: SampleEstimate) -> float:
-    """
-    Return the total standard deviation of an estimate's rotation, rad.
-
-    It is the root of the trace of the covariance: the rms length of the rotation error.
-    """
-    covariance = estimate.covariance
-    return sqrt(covariance[0] + covariance[4] + covariance[8])

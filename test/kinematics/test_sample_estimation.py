@@ -27,8 +27,8 @@ from readings import (
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, SpmError
 from spm_haptic_master.kinematics import leg_kernels
-from spm_haptic_master.kinematics.estimation.estimates import other_solutions
 from spm_haptic_master.kinematics.estimation.gauss_newton import fit
+from spm_haptic_master.kinematics.estimation.solutions import other_solutions
 from spm_haptic_master.kinematics.number_backends import FLOATS
 from spm_haptic_master.kinematics.rotations import rotation_distance
 

@@ -13,7 +13,7 @@ from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.solver import Solver, total_deviation
+from spm_haptic_master.supervision.solver import Solver
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 SIGMA = (radians(0.04),) * 4
@@ -49,7 +49,7 @@ def test_it_finds_the_pose(phi):
         assert rotation_distance(estimate.quaternion, truth) < 1e-6
         assert abs(estimate.parity) < 1e-3
         assert estimate.determined
-        assert 0.0 < total_deviation(estimate) < radians(0.2)
+        assert 0.0 < estimate.total_deviation < radians(0.2)
 
 
 def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
@@ -67,9 +67,9 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
         except (UnreachableError, SingularityError):
             continue
         left.append(
-            rotation_distance(found.quaternion, converged.quaternion) / total_deviation(converged)
+            rotation_distance(found.quaternion, converged.quaternion) / converged.total_deviation
         )
-        assert total_deviation(found) == pytest.approx(total_deviation(converged), rel=0.03)
+        assert found.total_deviation == pytest.approx(converged.total_deviation, rel=0.03)
         assert found.parity == pytest.approx(converged.parity, abs=0.03)
     assert max(left) < 0.03
     assert np.sqrt(np.mean(np.square(left))) < 0.003

@@ -1,53 +1,26 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Maximum-likelihood orientations: of one sample in plain floats, for the 1 kHz path, and in batches.
-
-Gauss-Newton starts from the closed form of a leg that carries the platform, leg A's Case 2 if it
-can be. Where no closed form is to be trusted, the solutions are several, and prior, working mode
-and readings select among them.
-"""
+"""Maximum-likelihood orientations of samples in batches, and of single ones as arrays."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from math import atan2, sqrt
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from spm_haptic_master.exceptions import (
-    AmbiguousError,
-    InputError,
-    quoted,
-    SingularityError,
-    SpmError,
-    UnreachableError,
-)
+from spm_haptic_master.exceptions import InputError, quoted, SpmError
 from spm_haptic_master.kinematics.checks import (
     check_angles,
     check_array,
     check_broadcast,
     check_rotations,
-    WorkingMode,
 )
-from spm_haptic_master.kinematics.closed_form import (
-    CLOSED_FORM_TRUST,
-    possible_starts,
-    start_at,
-    trusted_start,
-)
-from spm_haptic_master.kinematics.estimation.gauss_newton import (
-    CONVERGED_STEP,
-    DETERMINED_VARIANCE,
-    fit,
-    fit_rows,
-    SampleEstimate,
-)
-from spm_haptic_master.kinematics.estimation.normal_equations import State
+from spm_haptic_master.kinematics.estimation.gauss_newton import DETERMINED_VARIANCE, fit_rows
+from spm_haptic_master.kinematics.estimation.sample_estimates import estimate_sample
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.joints import (
     FEWEST_MOUNTED,
@@ -55,209 +28,11 @@ from spm_haptic_master.kinematics.joints import (
     NUMBER_WORDS,
     UsedSensors,
 )
-from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
-from spm_haptic_master.kinematics.number_backends import Array, FLOATS, Quaternion, SLICE
-from spm_haptic_master.kinematics.rotations import (
-    quaternion_from_matrix,
-    rotation_distance,
-    rotation_from_quaternion,
-)
+from spm_haptic_master.kinematics.number_backends import Array, SLICE
+from spm_haptic_master.kinematics.rotations import quaternion_from_matrix, rotation_from_quaternion
 
 # Largest parity of healthy sensors (unit 1): noise alone exceeds it once in 4e11 samples.
 CONSISTENT_PARITY = 7.0
-# Largest difference of the squared parities of two solutions that explain the readings equally
-# well (unit 1): 3 sigma.
-AMBIGUOUS_COST = 9.0
-# Largest parity of a solution that may be the true one of healthy sensors (unit 1): the noise and
-# a nominal bias of the size of the noise.
-CONSISTENT = 10.0
-# Largest angle between two results of one solution (rad), and between one and that of another
-# method or of a single step (its total standard deviation).
-SAME_SOLUTION = 1e-4
-SAME_DEVIATIONS = 6.0
-
-
-def estimate_sample(
-    readings: tuple[float, ...],
-    sensors: UsedSensors,
-    geometry: Geometry,
-    prior: Quaternion[float] | None = None,
-    working_mode: WorkingMode | None = None,
-    last_step: float = CONVERGED_STEP,
-    consistent: float = CONSISTENT,
-) -> SampleEstimate:
-    """
-    Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
-
-    Nothing is validated.
-
-    Parameters
-    ----------
-    readings : tuple of float
-        Finite numbers of the N mounted sensors th1A, th1B, th1C, th3A, th3B, th3C, rad; a sensor
-        that is left out may have NaN.
-    sensors : UsedSensors
-        Standard deviations, and which sensors are in use.
-    geometry : Geometry
-        Link angles and axes.
-    prior : tuple of four float, optional
-        Quaternion x, y, z, w of the last orientation. It selects among solutions with a parity up
-        to `consistent`, and has no weight in the result. Three sensors require one; without th3A,
-        not within 4 deg of the parallel singularity.
-    working_mode : tuple of three int, optional
-        Signs of B_kk of the legs A, B, C (eq. 10); by default the readings decide. A leg without a
-        sensor in use may have any.
-    last_step : float
-        Largest last Gauss-Newton step, rad.
-    consistent : float
-        Largest parity of a solution that the prior may select (unit 1).
-
-    Returns
-    -------
-    SampleEstimate
-
-    Raises
-    ------
-    InputError
-        Three sensors are in use and there is no prior.
-    SingularityError
-        Two solutions explain the readings equally well and there is no prior, a direction is not
-        measured, or a leg is on the boundary of its working mode or in another one.
-    UnreachableError
-        The mechanism does not close near the readings.
-
-    """
-    if sensors.usual:
-        th1a, th1b, th1c, th3a = readings[:4]
-        view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
-        cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
-        if abs(determinant) > CLOSED_FORM_TRUST * sensors.largest:
-            th2a = atan2(sine * determinant, cosine * determinant)
-            start = th1a, th2a, th3a, th1b, th1c
-            return fit(start, view, readings, sensors, geometry, working_mode, last_step)
-    return _estimate_others(
-        readings, sensors, geometry, prior, working_mode, last_step, consistent
-    )
-
-
-def _estimate_others(
-    readings: tuple[float, ...],
-    sensors: UsedSensors,
-    g: Geometry,
-    prior: Quaternion[float] | None,
-    working_mode: WorkingMode | None,
-    last_step: float,
-    consistent: float,
-) -> SampleEstimate:
-    """Estimate from sensors of which Case 2 gives no start."""
-    known, readings = _used_readings(readings, sensors)
-    if sensors.count == FEWEST_USED:
-        if prior is None:
-            raise InputError('prior = None: expected an orientation with three sensors in use')
-        start = start_at(rotation_from_quaternion(*prior), known, g)
-        return _fit_from(start, readings, sensors, g, working_mode)
-    trusted = trusted_start(known, sensors.largest, g)
-    if trusted is not None:
-        return _fit_from(trusted, readings, sensors, g, working_mode, last_step)
-    solutions = _solutions(known, readings, sensors, g, working_mode)
-    if not solutions:
-        raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    return _selected(solutions, readings, prior, consistent)
-
-
-def other_solutions(
-    found: SampleEstimate,
-    readings: tuple[float, ...],
-    geometry: Geometry,
-    working_mode: WorkingMode | None = None,
-) -> list[SampleEstimate]:
-    """
-    Return the solutions of a sample but the one `found`, some of them twice.
-
-    `readings`, of which four at least are in use, and the rest are as of `estimate_sample`; it
-    takes as long as tens of estimates.
-    """
-    known, readings = _used_readings(readings, found.sensors)
-    covariance = found.covariance
-    near = SAME_DEVIATIONS * sqrt(covariance[0] + covariance[4] + covariance[8])
-    return [
-        each
-        for each in _solutions(known, readings, found.sensors, geometry, working_mode)
-        if rotation_distance(each.quaternion, found.quaternion) > near
-    ]
-
-
-def _used_readings(
-    readings: tuple[float, ...], sensors: UsedSensors
-) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
-    """Return six readings, None of a sensor that is not in use, and N, 0 of such a sensor."""
-    known = tuple(readings[place] if place in sensors.used else None for place in range(6))
-    return known, tuple(each or 0.0 for each in known[: len(readings)])
-
-
-def _solutions(
-    known: tuple[float | None, ...],
-    readings: tuple[float, ...],
-    sensors: UsedSensors,
-    g: Geometry,
-    working_mode: WorkingMode | None,
-) -> list[SampleEstimate]:
-    """Return every orientation near which readings fit, some of them twice."""
-    solutions = []
-    for start in possible_starts(known, g):
-        with suppress(SingularityError, UnreachableError):
-            solutions.append(_fit_from(start, readings, sensors, g, working_mode))
-    return solutions
-
-
-def _fit_from(
-    start: State[float],
-    readings: tuple[float, ...],
-    sensors: UsedSensors,
-    g: Geometry,
-    working_mode: WorkingMode | None,
-    last_step: float = CONVERGED_STEP,
-) -> SampleEstimate:
-    th1a, _, th3a, th1b, th1c = start
-    return fit(
-        start,
-        linkage(th1a, th1b, th1c, th3a, g, FLOATS),
-        readings,
-        sensors,
-        g,
-        working_mode,
-        last_step,
-    )
-
-
-def _selected(
-    solutions: list[SampleEstimate],
-    readings: tuple[float, ...],
-    prior: Quaternion[float] | None,
-    consistent: float,
-) -> SampleEstimate:
-    """Return the solution that explains the readings best, or that the prior selects."""
-    solutions.sort(key=_cost)
-    best = solutions[0]
-    if prior is not None:
-        # Noise alone may make either explain the readings better: the last orientation decides.
-        limit = max(consistent * consistent, _cost(best) + AMBIGUOUS_COST)
-        rivals = [solution for solution in solutions if _cost(solution) < limit]
-        return min(rivals, key=lambda rival: rotation_distance(rival.quaternion, prior))
-    rivals = [each for each in solutions if _cost(each) - _cost(best) < AMBIGUOUS_COST]
-    if any(rotation_distance(each.quaternion, best.quaternion) > SAME_SOLUTION for each in rivals):
-        raise AmbiguousError(
-            f'readings {readings} rad: two orientations explain them equally well; a prior selects'
-        )
-    return best
-
-
-def _cost(solution: SampleEstimate) -> float:
-    """Weighted sum of the squared residuals (unit 1)."""
-    return sum(part * part for part in solution.parity_vector)
-
-
-# In batches --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -437,7 +212,7 @@ def _estimate_one(
     g: Geometry,
     prior: Array | None,
 ) -> Estimate:
-    """Estimate one sample; its arrays are views of one."""
+    """Estimate one sample; the arrays of the result are views of one."""
     sample = estimate_sample(
         readings, sensors, g, None if prior is None else tuple(prior.tolist())
     )
@@ -456,7 +231,7 @@ def _estimate_one(
 
 @lru_cache(maxsize=8)
 def _all_in_use(sigma: tuple[float, ...]) -> UsedSensors:
-    """Return sensors that are all in use; made once, as that costs a fifth of an estimate."""
+    """Return sensors that are all in use, made once: that costs a fifth of an estimate."""
     return UsedSensors(sigma)
 
 
@@ -466,10 +241,10 @@ def _check_sigma(sigma: ArrayLike, sensors: int) -> tuple[float, ...]:
         # The usual case, at a twentieth of the cost.
         return (sigma,) * sensors
     deviations = check_array('sigma', sigma, ())
-    each = deviations.tolist() if deviations.ndim else [deviations.item()] * sensors
-    if deviations.ndim > 1 or len(each) != sensors:
+    sigmas = deviations.tolist() if deviations.ndim else [deviations.item()] * sensors
+    if deviations.ndim > 1 or len(sigmas) != sensors:
         raise InputError(
             f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or '
             f'{NUMBER_WORDS[sensors]}'
         )
-    return tuple(each)
+    return tuple(sigmas)

@@ -12,7 +12,7 @@ reach of a leg, and each leg stays in the working mode of its reading.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, sin
+from math import hypot, sin, sqrt
 
 import numpy as np
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
@@ -128,6 +128,11 @@ class SampleEstimate:
             rows=self.rows,
             spread=self.spread,
         )
+
+    @property
+    def total_deviation(self) -> float:
+        """Total standard deviation, rad: the rms length of the rotation error."""
+        return sqrt(self.covariance[0] + self.covariance[4] + self.covariance[8])
 
     @property
     def parity_gains(self) -> tuple[tuple[float, ...], ...]:

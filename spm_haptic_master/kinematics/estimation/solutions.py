@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Every orientation that the readings of some sensors allow, and what they say of one more sensor.
+Every orientation that the readings of some sensors allow.
 
 Three readings, one of each leg, allow up to 8 orientations, as the active joints do (eqs. 1 to
 7). Where a leg has both its sensors in use, its chain lacks only th2k, and each further reading
@@ -11,10 +11,9 @@ is a turn equation with two solutions. Gauss-Newton then fits all readings from 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 import math
-from typing import NamedTuple
 
 from spm_haptic_master.exceptions import SpmError, UnreachableError
 from spm_haptic_master.kinematics.assembly_modes import common_turns, eliminant_roots
@@ -29,14 +28,14 @@ from spm_haptic_master.kinematics.closed_form import (
     start_at,
 )
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
+    CONVERGED_STEP,
     fit,
     MODE_MARGIN,
     SampleEstimate,
 )
 from spm_haptic_master.kinematics.estimation.normal_equations import State
 from spm_haptic_master.kinematics.geometry import Geometry, Leg
-from spm_haptic_master.kinematics.inverse_model import measured_angles, velocity_rows
-from spm_haptic_master.kinematics.joints import UsedSensors
+from spm_haptic_master.kinematics.joints import LEG_NAMES, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
     into_second_link,
     linkage,
@@ -44,31 +43,53 @@ from spm_haptic_master.kinematics.leg_kernels import (
     squared_sine,
     turn_equation,
 )
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
-from spm_haptic_master.kinematics.rotations import (
-    conjugate,
-    multiply_quaternions,
-    quaternion_from_vector,
-    rotation_distance,
-    rotation_from_quaternion,
-)
-from spm_haptic_master.kinematics.vectors import about_x, dot, times, transposed_times
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Vector
+from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
+from spm_haptic_master.kinematics.vectors import about_x, transposed_times
 
 # Largest angle between two results of one solution (rad): where two solutions meet, noise of the
-# readings turns each further than this.
+# readings turns each further than this. Between it and a result that stopped earlier: in its total
+# standard deviations.
 SAME_SOLUTION = 1e-4
+SAME_DEVIATIONS = 6.0
 # Largest residual of a turn equation (unit 1) at a start that may lead to a solution: noise and
 # bias of the readings leave a hundredth, most starts of no solution more than this.
 START_RESIDUAL = 0.1
-# Turn on either side of an orientation over which the curvature of the readings is taken (rad).
-CURVATURE_TURN = 0.03
-TURN = 2.0 * math.pi
+# The readings of th1A, th1B, th1C, th3A, th3B, th3C, rad; None of a sensor that is not in use.
 Readings = tuple[float | None, ...]
 
 
 def known_readings(readings: tuple[float, ...], sensors: UsedSensors) -> Readings:
     """Return the six readings, rad, None of a sensor that is not in use."""
     return tuple(readings[place] if place in sensors.used else None for place in range(6))
+
+
+def fit_from(
+    start: State[float],
+    known: Readings,
+    sensors: UsedSensors,
+    geometry: Geometry,
+    working_mode: WorkingMode | None,
+    last_step: float = CONVERGED_STEP,
+) -> SampleEstimate:
+    """Fit the known readings by Gauss-Newton from a start; arguments and errors as of `fit`."""
+    th1a, _, th3a, th1b, th1c = start
+    readings = tuple([0.0 if angle is None else angle for angle in known[: len(sensors.sigma)]])
+    view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
+    return fit(start, view, readings, sensors, geometry, working_mode, last_step)
+
+
+def fits(
+    starts: Iterable[State[float]],
+    known: Readings,
+    sensors: UsedSensors,
+    geometry: Geometry,
+    working_mode: WorkingMode | None,
+) -> Iterator[SampleEstimate]:
+    """Yield the solutions that starts lead to: some lead to none, others to the same one."""
+    for start in starts:
+        with suppress(SpmError):
+            yield fit_from(start, known, sensors, geometry, working_mode)
 
 
 def fit_near(
@@ -110,7 +131,46 @@ def fit_near(
     """
     known = known_readings(readings, sensors)
     start = start_at(rotation_from_quaternion(*quaternion), known, geometry)
-    return _fitted(start, known, sensors, geometry, working_mode)
+    solution = fit_from(start, known, sensors, geometry, working_mode)
+    unreached = _unreached_leg(solution, known, geometry)
+    if unreached:
+        raise UnreachableError(f'leg {unreached} does not reach the orientation')
+    return solution
+
+
+def other_solutions(
+    found: SampleEstimate,
+    readings: tuple[float, ...],
+    geometry: Geometry,
+    working_mode: WorkingMode | None = None,
+) -> list[SampleEstimate]:
+    """
+    Return all solutions of a sample of four or more sensors in use but one; duplicates possible.
+
+    Unlike `all_solutions` it does not ask whether a leg without a sensor reaches them. It takes as
+    long as tens of estimates.
+
+    Parameters
+    ----------
+    found : SampleEstimate
+        The solution that is left out, to `SAME_DEVIATIONS`; has the sensors in use.
+    readings, geometry, working_mode
+        As of `estimate_sample`.
+
+    Returns
+    -------
+    list of SampleEstimate
+        In any order.
+
+    """
+    known = known_readings(readings, found.sensors)
+    starts = possible_starts(known, geometry)
+    near = SAME_DEVIATIONS * found.total_deviation
+    return [
+        solution
+        for solution in fits(starts, known, found.sensors, geometry, working_mode)
+        if rotation_distance(solution.quaternion, found.quaternion) > near
+    ]
 
 
 def all_solutions(
@@ -132,36 +192,26 @@ def all_solutions(
     if not any(first is not None and third is not None for first, third in legs):
         starts = _one_reading_a_leg(known, geometry)
     found: list[SampleEstimate] = []
-    for start in starts:
-        with suppress(SpmError):
-            solution = _fitted(start, known, sensors, geometry, working_mode)
-            if all(
-                rotation_distance(solution.quaternion, other.quaternion) > SAME_SOLUTION
-                for other in found
-            ):
-                found.append(solution)
+    for solution in fits(starts, known, sensors, geometry, working_mode):
+        is_new = all(
+            rotation_distance(solution.quaternion, other.quaternion) > SAME_SOLUTION
+            for other in found
+        )
+        if is_new and not _unreached_leg(solution, known, geometry):
+            found.append(solution)
     return found
 
 
-def _fitted(
-    start: State[float],
-    known: Readings,
-    sensors: UsedSensors,
-    geometry: Geometry,
-    working_mode: WorkingMode,
-) -> SampleEstimate:
-    """Fit from a start; UnreachableError where a leg without a sensor in use cannot follow."""
-    th1a, _, th3a, th1b, th1c = start
-    readings = tuple(0.0 if angle is None else angle for angle in known[: len(sensors.sigma)])
-    view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
-    solution = fit(start, view, readings, sensors, geometry, working_mode)
+def _unreached_leg(solution: SampleEstimate, known: Readings, geometry: Geometry) -> str:
+    """Return the leg without a sensor in use that does not reach a solution; empty if none."""
     rotation = rotation_from_quaternion(*solution.quaternion)
     for place, leg in enumerate(geometry.legs):
-        if known[place] is None and known[3 + place] is None:
-            # With p the root, B_kk is p sin alpha: noise may take it so far beyond 0.
-            if squared_sine(rotation, leg) * leg.sin_alpha**2 < -MODE_MARGIN * MODE_MARGIN:
-                raise UnreachableError(f'leg {"ABC"[place]} does not reach the orientation')
-    return solution
+        is_free = known[place] is None and known[3 + place] is None
+        # With p the root, B_kk is p sin alpha: noise may take it so far beyond 0.
+        least = -MODE_MARGIN * MODE_MARGIN
+        if is_free and squared_sine(rotation, leg) * leg.sin_alpha**2 < least:
+            return LEG_NAMES[place]
+    return ''
 
 
 def _one_reading_a_leg(known: Readings, g: Geometry) -> Iterator[State[float]]:
@@ -229,136 +279,3 @@ def _of_first(
         about_x(leg.cos_alpha, leg.sin_alpha, after),
         cosine,
     )
-
-
-# What the others say of one sensor ---------------------------------------------------------------
-
-
-class ImpliedFault(NamedTuple):
-    """The fault of one sensor if the others are right, and how well they know it, rad."""
-
-    fault: float  # reading less the angle that the others imply
-    deviation: float  # its standard deviation, with the noise of all sensors
-    bias: float  # what the nominal biases of all sensors do to it at most
-
-
-def implied_fault(
-    others: SampleEstimate,
-    sensor: int,
-    reading: float,
-    bias: tuple[float, ...],
-    parity_bias: float,
-    geometry: Geometry,
-    working_mode: WorkingMode,
-) -> ImpliedFault:
-    """
-    Return the fault of a sensor that an orientation implies, which the other sensors determine.
-
-    Parameters
-    ----------
-    others : SampleEstimate
-        The orientation, from other sensors.
-    sensor : int
-        Place of the sensor in ALL_JOINT_NAMES.
-    reading : float
-        Its reading, rad.
-    bias : tuple of N float
-        Nominal biases of the mounted sensors, rad.
-    parity_bias : float
-        Bound of the length of that part of the biases that no motion explains, rad.
-    geometry, working_mode
-        As of `fit_near`.
-
-    Returns
-    -------
-    ImpliedFault
-        First order: with the gains K_j = C h_j / sigma_j^2 of the others, C their covariance and
-        h the sensors' rows of the Jacobian (eqs. 8 to 11, 17 to 21).
-
-    Raises
-    ------
-    SpmError
-        A leg does not reach the orientation, or is on the boundary of its working mode.
-
-    """
-    used = others.sensors
-    rotation = rotation_from_quaternion(*others.quaternion)
-    angles = measured_angles(rotation, geometry, working_mode, 6)
-    rows = _sensor_rows(rotation, angles, geometry)
-    along = times(others.covariance, rows[sensor])
-    sigma = used.sigma[sensor]
-    moved = bias[sensor]
-    square = 1.0
-    for other in used.used:
-        gain = abs(dot(rows[other], along)) * used.weights[other]
-        moved += gain * bias[other]
-        square += gain * gain
-    return ImpliedFault(
-        fault=math.remainder(reading - angles[sensor], TURN),
-        deviation=math.sqrt(sigma * sigma + dot(rows[sensor], along)),
-        bias=min(moved, parity_bias * math.sqrt(square)),
-    )
-
-
-def parity_curvature(
-    estimate: SampleEstimate,
-    sensor: int,
-    geometry: Geometry,
-    working_mode: WorkingMode,
-) -> float:
-    """
-    Return how the parity of four sensors bends along the turn that a fault of one makes.
-
-    A turn e (rad) of the orientation along that direction changes the parity by e / slope + c e^2
-    with this c (1 / rad^2, of either sign): to first order it is the sensor's slope that bounds
-    its fault, but where the others stop determining the direction, c alone remains.
-
-    Parameters
-    ----------
-    estimate : SampleEstimate
-        Orientation by four sensors in use.
-    sensor : int
-        Place of the faulty sensor in ALL_JOINT_NAMES.
-    geometry, working_mode
-        As of `fit_near`.
-
-    Raises
-    ------
-    SpmError
-        A leg does not reach an orientation `CURVATURE_TURN` away, or is on the boundary of its
-        working mode.
-
-    """
-    quaternion = estimate.quaternion
-    rotation = rotation_from_quaternion(*quaternion)
-    angles = measured_angles(rotation, geometry, working_mode, 6)
-    row = _sensor_rows(rotation, angles, geometry)[sensor]
-    gx, gy, gz = times(estimate.covariance, row)
-    scale = CURVATURE_TURN / math.hypot(gx, gy, gz)
-    turn = quaternion_from_vector(scale * gx, scale * gy, scale * gz)
-    ahead = multiply_quaternions(turn, quaternion)
-    behind = multiply_quaternions(conjugate(turn), quaternion)
-    angles_ahead = measured_angles(rotation_from_quaternion(*ahead), geometry, working_mode, 6)
-    angles_behind = measured_angles(rotation_from_quaternion(*behind), geometry, working_mode, 6)
-    gains = estimate.parity_gains
-    bent = 0.0
-    for place in estimate.sensors.used:
-        change_ahead = math.remainder(angles_ahead[place] - angles[place], TURN)
-        change_behind = math.remainder(angles_behind[place] - angles[place], TURN)
-        bent += gains[place][0] * (change_ahead + change_behind)
-    return 0.5 * bent / (CURVATURE_TURN * CURVATURE_TURN)
-
-
-def _sensor_rows(
-    rotation: Rotation[float],
-    angles: tuple[float, ...],
-    geometry: Geometry,
-) -> list[Vector[float]]:
-    """Return the six sensors' rows of the Jacobian in the base frame (unit 1)."""
-    th1a, th1b, th1c = angles[:3]
-    vectors, volumes = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
-    rows = []
-    for (x, y, z), volume in zip(vectors, volumes, strict=True):
-        scale = FLOATS.mode_reciprocal(volume)
-        rows.append((scale * x, scale * y, scale * z))
-    return rows
