@@ -97,7 +97,7 @@ def checkability(
 
     These are the checks of `fkm` with consistent readings at these poses, once its window is full
     and no rival orientation is left, to the first order: near a fold, where two solutions of the
-    others meet, `fkm` with four sensors in use has larger parts (see `folds`).
+    others meet, `fkm` has larger parts (see `folds`).
 
     Parameters
     ----------

@@ -65,9 +65,8 @@ class Folds:
         """
         Return each sensor's part of the level of a sample.
 
-        Only with four sensors in use the others can have a fold beside the orientation. The part
-        is the turn e at which e / slope - c e^2 reaches the parity of an undetected fault, plus
-        what noise and bias of healthy sensors do.
+        The part is the turn e at which e / slope - c e^2 reaches the parity of an undetected
+        fault, plus what noise and bias of healthy sensors do.
 
         Parameters
         ----------
@@ -85,9 +84,6 @@ class Folds:
 
         """
         parts = used.parts(worth)
-        if used.entries > 1:
-            self.nearest = inf
-            return parts
         # Largest change of a curvature by a turn of 1 rad.
         change = CURVATURE_CHANGE * hypot(*estimate.parity_sizes)
         turn = self._bend(parts, used, worth, change)

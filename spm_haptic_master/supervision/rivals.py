@@ -37,8 +37,10 @@ from spm_haptic_master.supervision.sample import Place, Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 
 # Largest turn between two samples that keeps the truth of every hypothesis beside the orientation
-# (rad): other solutions of the others are further away, but near a fold.
-SAME_TURN = 0.1
+# (rad): a solution of the others that is nearer, and behind no fold, is within the level.
+SAME_TURN = 0.01
+# Reach of a human since a place (rad) within which a rival is looked for once among all solutions.
+NEAR_REACH = 0.1
 # Times that a lost rival is looked for among all solutions before it is over: noise alone can hide
 # a solution near another one of the same sensors.
 MISSES = 3
@@ -282,7 +284,7 @@ class Rivals:
         began = self._hidden.pop(sensor, None)
         if began is not None and not self._is_beside(here, began, sensor):
             self._lose(sensor, began)
-        elif turn > SAME_TURN or turn > 0.5 * self._folds.distances[sensor]:
+        elif turn > 0.5 * self._folds.distances[sensor]:
             self._lose(sensor, last)
 
     def _is_beside(self, here: Place, began: Place, sensor: int) -> bool:
@@ -335,13 +337,24 @@ class Rivals:
         ]
 
     def _find_recent(self, sample: Sample, here: Place) -> None:
-        """Find each rival that was lost shortly before: the solution next to its place."""
+        """
+        Find each rival that was lost shortly before: the solution next to its place.
+
+        It is none if the solution next to the orientation is the same: what the sensor does to
+        that the parity shows.
+        """
         for rival in self._waiting(here):
             place = rival.place
-            if place is None or not sample.follows(place.stamp):
+            others = self._sensors.one_less(rival.sensor)
+            if place is None or others is None or not sample.follows(place.stamp):
                 continue
-            solution = self._near(sample, rival.sensor, place)
-            if solution is not None:
+            solution = others.near(sample, place.quaternion)
+            if solution is None:
+                continue
+            beside = others.near(sample, here.quaternion)
+            if beside is not None and _are_same(beside, solution):
+                self._rivals.remove(rival)
+            elif self._is_in_reach(sample, place, solution):
                 self._rivals.remove(rival)
                 self._add(rival, sample, here, solution)
 
@@ -391,13 +404,14 @@ class Rivals:
         Return in how many samples a hypothesis that was never found is looked for.
 
         Noise can hide a solution of three sensors that is near another one of them: they are
-        complex then. More sensors have no such pairs. Within `SAME_TURN` there are no other
-        solutions, but behind a fold, which the part of the sensor allows for.
+        complex then. The best fit of more sensors is there with noise as well. Within `NEAR_REACH`
+        one that is not found next to its place has met another one, which the part of the sensor
+        allows for.
         """
         place = rival.place
         if self._sensors.used.entries > 1:
             return 1
-        is_near = place is not None and self._speed * sample.time_since(place.stamp) <= SAME_TURN
+        is_near = place is not None and self._speed * sample.time_since(place.stamp) <= NEAR_REACH
         return 1 if is_near else MISSES
 
     def _near(self, sample: Sample, sensor: int, place: Place) -> SampleEstimate | None:
@@ -507,3 +521,8 @@ class Rivals:
                 rival.found = False
             elif self._ends_at(rival, sample, here, solution):
                 self._rivals.remove(rival)
+
+
+def _are_same(one: SampleEstimate, other: SampleEstimate) -> bool:
+    """Whether two results of Gauss-Newton are one solution."""
+    return is_within(one.quaternion, other.quaternion, other.total_deviation)

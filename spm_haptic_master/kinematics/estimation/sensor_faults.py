@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from operator import mul
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.checks import WorkingMode
@@ -111,16 +112,17 @@ def parity_curvature(
     working_mode: WorkingMode,
 ) -> float:
     """
-    Return how the parity of four sensors bends along the turn that a fault of one makes.
+    Return how the parity bends along the turn that a fault of one sensor makes.
 
     A turn e (rad) of the orientation along that direction changes the parity by e / slope + c e^2
     with this c (1 / rad^2, of either sign): to first order it is the sensor's slope that bounds
-    its fault, but where the others stop determining the direction, c alone remains.
+    its fault, but where the others stop determining the direction, c alone remains. Of several
+    parities it is the part along the change that a fault of the sensor makes.
 
     Parameters
     ----------
     estimate : SampleEstimate
-        Orientation by four sensors in use.
+        Orientation by four or more sensors in use.
     sensor : int
         Place of the faulty sensor in ALL_JOINT_NAMES.
     geometry, working_mode
@@ -144,12 +146,14 @@ def parity_curvature(
     angles_ahead = measured_angles(rotation_from_quaternion(*ahead), geometry, working_mode, 6)
     angles_behind = measured_angles(rotation_from_quaternion(*behind), geometry, working_mode, 6)
     gains = estimate.parity_gains
+    own = gains[sensor]
     bent = 0.0
     for place in estimate.sensors.used:
         change_ahead = math.remainder(angles_ahead[place] - angles[place], TURN)
         change_behind = math.remainder(angles_behind[place] - angles[place], TURN)
-        bent += gains[place][0] * (change_ahead + change_behind)
-    return 0.5 * bent / (CURVATURE_TURN * CURVATURE_TURN)
+        along = sum(map(mul, gains[place], own))
+        bent += along * (change_ahead + change_behind)
+    return 0.5 * bent / (math.hypot(*own) * CURVATURE_TURN * CURVATURE_TURN)
 
 
 def _sensor_rows(
