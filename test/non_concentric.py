@@ -33,24 +33,22 @@ def closed_angles(poses, offsets_mm, geometry):
     the joint; the drawing has nominal axes.
     """
     # From the angles of the concentric mechanism.
-    unknown = np.array(
-        [[*mechanism_angles(pose.ravel().tolist(), geometry), 0.0, 0.0, 0.0] for pose in poses]
-    )
+    angles = [mechanism_angles(pose.ravel().tolist(), geometry) for pose in poses]
+    unknown = np.hstack([angles, np.zeros((len(poses), 3))])
 
     def gap_of(unknown):
         return _gap(poses, unknown, offsets_mm / RADIUS, geometry)
 
     for _ in range(STEPS):
         gap = gap_of(unknown)
-        slopes = np.stack(
-            [
-                (gap_of(unknown + DIFFERENCE * np.eye(12)[at]) - gap) / DIFFERENCE
-                for at in range(12)
-            ],
-            axis=2,
-        )
-        turned = slopes.swapaxes(1, 2)
-        unknown = unknown - np.linalg.solve(turned @ slopes, turned @ gap[:, :, None])[:, :, 0]
+        slopes = []
+        for direction in np.eye(12):
+            ahead = gap_of(unknown + DIFFERENCE * direction)
+            slopes.append((ahead - gap) / DIFFERENCE)
+        columns = np.stack(slopes, axis=2)
+        rows = columns.swapaxes(1, 2)
+        step = np.linalg.solve(rows @ columns, rows @ gap[:, :, None])
+        unknown = unknown - step[:, :, 0]
     return unknown[:, [0, 3, 6, 2]]
 
 
@@ -80,6 +78,9 @@ def _turn(angles):
     c = np.cos(angles)
     s = np.sin(angles)
     o = np.zeros_like(angles)
-    return np.stack(
-        [np.stack([c, -s, o], 1), np.stack([s, c, o], 1), np.stack([o, o, o + 1.0], 1)], axis=1
-    )
+    rows = [
+        np.stack([c, -s, o], 1),
+        np.stack([s, c, o], 1),
+        np.stack([o, o, o + 1.0], 1),
+    ]
+    return np.stack(rows, axis=1)

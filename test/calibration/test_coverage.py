@@ -77,19 +77,22 @@ def test_the_bound_covers_what_the_covariance_draws_and_the_mechanism_turns():
     )
     assert wider[1] > bound[1] + 0.009
     # Where links alone are unknown, the bounds cover what they do to the orientation.
-    covariance = np.diag(np.repeat([radians(0.001) ** 2, 0.0], [4, model.layout.count - 4]))
-    links = covariance + np.diag(
-        np.repeat([0.0, radians(0.2) ** 2, 0.0], [4, 6, model.layout.count - 10])
+    deviations = np.zeros(model.layout.count)
+    deviations[:4] = radians(0.001)
+    few = coverage.sensor_bounds(
+        model,
+        vector,
+        np.diag(deviations**2),
+        there,
+        np.zeros(4),
     )
-    few, many = (
-        coverage.sensor_bounds(
-            model,
-            vector,
-            each,
-            there,
-            np.zeros(4),
-        )
-        for each in (covariance, links)
+    deviations[4:10] = radians(0.2)
+    many = coverage.sensor_bounds(
+        model,
+        vector,
+        np.diag(deviations**2),
+        there,
+        np.zeros(4),
     )
     assert (many > 5.0 * few).all()
 

@@ -57,18 +57,16 @@ def test_one_sample_in_twenty_that_is_wrong_changes_little():
     wrong = random.uniform(size=len(turned)) < 0.05
     spoilt = turned.copy()
     count = wrong.sum()
-    spoilt[wrong, random.integers(0, 4, count)] += random.choice((-1, 1), count) * random.uniform(
-        0.05,
-        3.0,
-        count,
-    )
+    signs = random.choice((-1, 1), count)
+    sizes = random.uniform(0.05, 3.0, count)
+    spoilt[wrong, random.integers(0, 4, count)] += signs * sizes
     places = range(model.layout.slices['platform axes'].stop)
     start = np.where(np.arange(len(true)) < 4, true, 0.0)
     clean = fit.fit(model, turned, start, places)
     found = fit.fit(model, spoilt, start, places)
-    deviations = np.sqrt(
-        np.diag(inverse(clean.normal.matrix + np.diag(model.layout.deviations[places] ** -2.0)))
-    )
+    known_before = np.diag(model.layout.deviations[places] ** -2.0)
+    covariance = inverse(clean.normal.matrix + known_before)
+    deviations = np.sqrt(np.diag(covariance))
     change = np.abs(found.vector - clean.vector)
     assert (change[places] < deviations).all()
     assert not found.normal.kept[wrong].mean() > 0.1
@@ -86,10 +84,10 @@ def test_what_is_not_estimated_enters_the_covariance():
     read = true @ rows.T + random.normal(size=(20000, 60))
     inside = list(columns)
     errors = -true
-    errors[:, inside] += np.linalg.solve(
-        rows[:, inside].T @ rows[:, inside] + np.diag(deviations[inside] ** -2.0),
-        rows[:, inside].T @ read.T,
-    ).T
+    estimated = rows[:, inside]
+    known_before = np.diag(deviations[inside] ** -2.0)
+    normal = estimated.T @ estimated + known_before
+    errors[:, inside] += np.linalg.solve(normal, estimated.T @ read.T).T
     assert np.allclose(np.cov(errors.T), predicted, atol=0.03 * predicted.max())
 
 

@@ -100,7 +100,8 @@ def test_the_parity_is_that_of_the_estimate(sensors):
     )
     assert np.abs(rotation_vectors(at @ found.rotation.swapaxes(1, 2))).max() < 1e-7
     parity = model.linearised(turned, at, vector, ()).parity
-    assert np.allclose(np.linalg.norm(parity, axis=1), np.abs(found.parity), atol=1e-5)
+    sizes = np.linalg.norm(parity, axis=1)
+    assert np.allclose(sizes, np.abs(found.parity), atol=1e-5)
 
 
 @pytest.mark.parametrize('sensors', (4, 6))
@@ -109,9 +110,8 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     model = model_of(sensors)
     vector = random_vector(model, 3)
     true = poses(5)
-    turned = model.readings(true, vector) + 3e-4 * np.random.default_rng(4).normal(
-        size=(5, sensors)
-    )
+    noise = 3e-4 * np.random.default_rng(4).normal(size=(5, sensors))
+    turned = model.readings(true, vector) + noise
     columns = tuple(range(model.layout.count))
 
     def settled(vector, columns=()):
@@ -125,16 +125,15 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     here = settled(vector, columns)
     for column in columns[::2]:
         step = 2e-6 * np.eye(len(columns))[column]
-        above, below = (
-            np.sum(settled(moved).parity ** 2, axis=1) for moved in (vector + step, vector - step)
-        )
+        above = np.sum(settled(vector + step).parity ** 2, axis=1)
+        below = np.sum(settled(vector - step).parity ** 2, axis=1)
         expected = (above - below) / 4e-6
-        found = 2.0 * np.einsum('nk,nk->n', here.parity, here.derivative[:, :, column])
+        derivative = here.derivative[:, :, column]
+        found = 2.0 * (here.parity * derivative).sum(axis=1)
         # What the Gauss-Newton derivative leaves out is of the parity's own size.
-        scale = np.linalg.norm(here.derivative[:, :, column], axis=1) * np.linalg.norm(
-            here.parity, axis=1
-        )
-        assert np.abs(found - expected).max() < 0.02 * scale.max() + 1e-6 * abs(expected).max()
+        left_out = np.linalg.norm(derivative, axis=1) * np.linalg.norm(here.parity, axis=1)
+        tolerance = 0.02 * left_out.max() + 1e-6 * np.abs(expected).max()
+        assert np.abs(found - expected).max() < tolerance
 
 
 def test_orientations_change_with_the_parameters_as_differences_say():
@@ -192,6 +191,7 @@ def test_the_parity_of_a_constant_error_has_no_jump_and_begins_with_that_of_four
     assert found.usable.all()
     for parity in found.parity.T:
         assert np.ptp(parity) > 0.1
-        assert np.abs(np.diff(parity)).max() < 0.02 * np.abs(parity).max()
+        largest_step = np.abs(np.diff(parity)).max()
+        assert largest_step < 0.02 * np.abs(parity).max()
     np.testing.assert_allclose(found.parity[:, 0], of_four.parity[:, 0], atol=1e-9)
     np.testing.assert_allclose(found.derivative[:, 0], of_four.derivative[:, 0], atol=1e-5)

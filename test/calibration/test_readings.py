@@ -24,10 +24,10 @@ def motion(seed=1, noise=NOISE):
     """Return smooth readings on any turn, rad, and the same without noise."""
     random = np.random.default_rng(seed)
     t = STAMPS * 1e-9
-    true = np.stack(
-        [3.0 + 0.5 * np.sin(tau * t / period) for period in (5.0, 3.1, 4.3, 7.7)], axis=1
-    )
-    return (true + noise * random.normal(size=true.shape)) % tau, true
+    periods = np.array([5.0, 3.1, 4.3, 7.7])
+    true = 3.0 + 0.5 * np.sin(tau * t[:, None] / periods)
+    noisy = true + noise * random.normal(size=true.shape)
+    return noisy % tau, true
 
 
 def off(found, true):

@@ -3,7 +3,7 @@
 
 """Simulated encoders: reproducible, with the given noise, quantised, at the given rate, faulty."""
 
-from math import degrees, isnan, pi
+from math import isnan, pi
 from types import SimpleNamespace
 
 from encoder_frames import values
@@ -50,20 +50,20 @@ def test_the_harmonics_of_the_rig_are_corrected_as_the_file_says():
         'sim__harmonics_deg': [1.0, 0.0],
         'sim__noise_deg': 0.0,
     }
+    times = (0.0, 2.0, 5.0)
     checked = values('sim', **plain)
-    cosine, sine = zip(*(each.first_harmonic for each in make_rig(checked).sensors), strict=True)
-    true = [make_motion(checked).joints(t) for t in (0.0, 2.0, 5.0)]
-    assert np.abs(angles((0.0, 2.0, 5.0), **plain) - true).max(axis=1).min() > 10.0 * COUNT
-    np.testing.assert_allclose(
-        angles(
-            (0.0, 2.0, 5.0),
-            **plain,
-            encoders__harmonic_cos_deg=list(map(degrees, cosine)),
-            encoders__harmonic_sin_deg=list(map(degrees, sine)),
-        ),
-        true,
-        atol=0.6 * COUNT,
+    harmonics = [sensor.first_harmonic for sensor in make_rig(checked).sensors]
+    cosine, sine = np.degrees(np.transpose(harmonics)).tolist()
+    true = [make_motion(checked).joints(t) for t in times]
+    wrong = np.abs(angles(times, **plain) - true).max(axis=1)
+    corrected = angles(
+        times,
+        **plain,
+        encoders__harmonic_cos_deg=cosine,
+        encoders__harmonic_sin_deg=sine,
     )
+    assert wrong.min() > 10.0 * COUNT
+    np.testing.assert_allclose(corrected, true, atol=0.6 * COUNT)
 
 
 @pytest.mark.parametrize(
@@ -135,11 +135,17 @@ def test_samples_come_at_the_rate_with_the_angles_of_their_time(monkeypatch):
     assert t[-1] == pytest.approx((99 + 2) / 200.0 + 1e-4, abs=2e-5)
     assert source.statistics() == {'sets': 100, 'missed deadlines': 2}
     assert source.lost == 2 / 200.0
-    off = np.array([sample.angles for sample in samples]) - [motion.joints(each) for each in t]
+    true = np.array([motion.joints(each) for each in t])
+    off = [sample.angles for sample in samples] - true
     # At most 1 rad/s, for as long as the angles prepared may be old.
     assert np.abs(off).max() < COUNT + PUNCTUAL
     np.testing.assert_allclose(source.orientation(), motion.orientation(t[-1]), atol=6e-5)
     assert (source.fault, source.caution) == (None, None)
+
+
+def by_name(sample):
+    """Return the angles of a sample by their joints."""
+    return dict(zip(ALL_JOINT_NAMES, sample.angles, strict=False))
 
 
 @pytest.mark.parametrize(
@@ -156,15 +162,15 @@ def test_encoders_that_do_not_answer_have_no_reading(sensors, gone, goes_on):
     source.faults = tuple(parse_switched(f'dropout:{joint}', sensors) for joint in gone)
     sample = source.read(1.0)
     text = f'no answer of {", ".join(gone)}'
-    assert (source.fault, source.caution) == ((None, text) if goes_on else (text, None))
-    assert (
-        sample
-        and [
-            joint
-            for joint, angle in zip(ALL_JOINT_NAMES, sample.angles, strict=False)
-            if isnan(angle)
-        ]
-    ) == (gone if goes_on else None)
+    if goes_on:
+        missing = [name for name, angle in by_name(sample).items() if isnan(angle)]
+        assert missing == gone
+        assert source.fault is None
+        assert source.caution == text
+    else:
+        assert sample is None
+        assert source.fault == text
+        assert source.caution is None
     source.faults = ()
     assert not any(map(isnan, source.read(1.0).angles))
     assert source.fault is None
@@ -179,16 +185,14 @@ def test_faults_come_and_go():
     read(source, 1)
     source.faults = (parse_switched('stuck:joint_1b'), parse_switched('offset:joint_3a=5'))
     faulty = read(source, 20)
-    assert [len({sample.angles[joint] for sample in faulty}) > 1 for joint in range(3)] == [
-        True,
-        False,
-        True,
-    ]
+    moved = np.ptp([sample.angles for sample in faulty], axis=0) > 0.0
+    assert moved[:3].tolist() == [True, False, True]
     source.faults = (parse_switched('offset:joint_1a=359'),)
     healthy = read(source, 20)
     off = np.degrees(np.subtract(healthy[0].angles, faulty[-1].angles))
     # An offset stays within a turn.
-    assert (off[0], off[3]) == pytest.approx((-1.0, -5.0), abs=0.3)
+    assert off[0] == pytest.approx(-1.0, abs=0.3)
+    assert off[3] == pytest.approx(-5.0, abs=0.3)
     assert len({sample.angles[1] for sample in healthy}) > 1
 
 

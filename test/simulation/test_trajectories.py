@@ -39,16 +39,16 @@ def test_a_motion_stays_within_reach_over_whole_periods(trajectory, seconds, til
     joints = kinematics.inverse(rotations)
     assert np.isfinite(joints.theta1).all()
     assert np.isfinite(joints.theta3a).all()
-    tilt = np.degrees(np.arccos(np.clip(rotations[:, :, 2].sum(axis=1) / np.sqrt(3.0), -1.0, 1.0)))
+    cosines = rotations[:, :, 2].sum(axis=1) / np.sqrt(3.0)
+    tilt = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
     assert tilt.max() == pytest.approx(tilt_deg, abs=0.01)
     turns = np.degrees([poses[:, 2].min(), poses[:, 2].max()])
     assert turns == pytest.approx(turns_deg, abs=0.1)
 
 
 def test_the_tour_begins_clear_of_the_singularity_and_crosses_it_within_ten_seconds():
-    rotations = kinematics.matrix_from_zxz(
-        *np.array([trajectories.tour(t) for t in np.arange(0.0, 10.0, 0.2)]).T
-    )
+    angles = [trajectories.tour(t) for t in np.arange(0.0, 10.0, 0.2)]
+    rotations = kinematics.matrix_from_zxz(*np.transpose(angles))
     assert kinematics.dexterity(rotations[:10]).min() > 0.1
     signs = np.sign(kinematics.parallel_determinant(rotations))
     assert signs.min() < 0.0 < signs.max()

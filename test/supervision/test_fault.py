@@ -15,10 +15,11 @@ RECOVERY = 0.1005  # s, a hundred samples
 
 def until_healthy(rig, **moved):
     """Return after how many samples the state is healthy; None if it is not within 300."""
-    return next(
-        (count for count in range(1, 300) if rig.samples(1, **moved) and rig.state == 'healthy'),
-        None,
-    )
+    for count in range(1, 300):
+        rig.samples(1, **moved)
+        if rig.state == 'healthy':
+            return count
+    return None
 
 
 def test_a_fault_is_over_after_its_recovery_which_a_bad_sample_begins_again():
@@ -130,9 +131,12 @@ def test_a_step_is_isolated_to_its_sensor_or_to_none(sensors, size, share):
     rng = np.random.default_rng(1)
     found = []
     for _ in range(2):
-        pose = (rng.uniform(0.0, 20.0), rng.uniform(0.0, 360.0), rng.uniform(0.0, 90.0))
+        tilt = rng.uniform(0.0, 20.0)
+        azimuth = rng.uniform(0.0, 360.0)
+        phi = rng.uniform(0.0, 90.0)
         for sensor in range(sensors):
-            names = left_out(sensors, pose, sensor, size * rng.choice([-1.0, 1.0]))
+            step = size * rng.choice([-1.0, 1.0])
+            names = left_out(sensors, (tilt, azimuth, phi), sensor, step)
             assert names in ((), (ALL_JOINT_NAMES[sensor],))
             found.append(bool(names))
     assert np.mean(found) >= share
@@ -169,5 +173,6 @@ def test_a_second_fault_of_six_excludes_no_healthy_sensor():
     rig = Rig(6, (0.3, 88.8, 77.5))
     rig.samples(150, th1a=2.4)
     assert rig.left_out == ('joint_1a',)
-    assert max(rig.errors(150, th1a=2.4, th1b=-3.2)[2:], default=0.0) < 1.0
-    assert not {'joint_1c', 'joint_3a', 'joint_3b', 'joint_3c'} & set(rig.left_out)
+    errors = rig.errors(150, th1a=2.4, th1b=-3.2)
+    assert max(errors[2:], default=0.0) < 1.0
+    assert set(rig.left_out) <= {'joint_1a', 'joint_1b'}

@@ -22,7 +22,10 @@ def test_a_jump_that_a_gap_interrupts_does_not_come_through_after_it(place, gap,
     """Neither where no parity shows it (joint_3a at the singularity) nor anywhere else."""
     # The platform waits meanwhile: what is measured is the same.
     outcome = run(
-        place, seconds=0.4, change=offset(200 - wrong, 3, 1.0), times=paused(400, (200, gap))
+        place,
+        seconds=0.4,
+        change=offset(200 - wrong, 3, 1.0),
+        times=paused(400, (200, gap)),
     )
     assert outcome.published[5 : 200 - wrong].all()
     assert not outcome.published[200 if place == 'singular' else 220 :].any()
@@ -70,7 +73,10 @@ def test_a_stuck_value_that_gaps_interrupt_stays_silent():
 
 def test_a_known_fault_outlasts_a_gap():
     outcome = run(
-        'singular', seconds=0.5, change=offset(200, 3, 5.0), times=paused(500, (300, 700))
+        'singular',
+        seconds=0.5,
+        change=offset(200, 3, 5.0),
+        times=paused(500, (300, 700)),
     )
     assert not outcome.published[200:].any()
     assert outcome.states[-1] == 'silent: joint_3a jumped'

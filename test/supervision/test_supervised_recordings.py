@@ -26,8 +26,8 @@ def found():
 
 def test_each_sample_is_what_the_supervisor_returns(found):
     supervisor = make_supervisor(complete(SUPERVISION_SETTINGS, {}))
-    for index, (stamp, row) in enumerate(zip(TIMES.tolist(), READINGS.tolist(), strict=True)):
-        verdict = supervisor.take(stamp, tuple(row))
+    for index, row in enumerate(READINGS.tolist()):
+        verdict = supervisor.take(int(TIMES[index]), tuple(row))
         assert tuple(found.unchecked[index]) == supervisor.unchecked()
         if verdict.estimate is not None:
             assert tuple(found.quaternion[index]) == verdict.estimate.quaternion
@@ -107,10 +107,14 @@ def test_what_is_withheld_and_why(change, withheld, states, reasons):
 
 
 def test_no_samples_are_a_recording_and_lists_and_unsigned_stamps_are_arrays():
-    found = supervise(np.zeros(0, int), np.zeros((0, 4)))
-    assert (len(found.published), found.state, found.unchecked.shape) == (0, [], (0, 4))
-    assert supervise(TIMES.astype(np.uint64), READINGS.tolist()).published.sum() == 56
-    assert supervise(TIMES.tolist(), READINGS.tolist()).published.sum() == 56
+    nothing = supervise(np.zeros(0, int), np.zeros((0, 4)))
+    assert len(nothing.published) == 0
+    assert nothing.state == []
+    assert nothing.unchecked.shape == (0, 4)
+    unsigned = supervise(TIMES.astype(np.uint64), READINGS.tolist())
+    assert unsigned.published.sum() == 56
+    lists = supervise(TIMES.tolist(), READINGS.tolist())
+    assert lists.published.sum() == 56
 
 
 @pytest.mark.parametrize(
