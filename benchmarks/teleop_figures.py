@@ -12,6 +12,7 @@ from math import degrees, sqrt
 
 from benchmarks.surgeon import Arrived
 from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.kinematics.vectors import subtracted
 from spm_haptic_master.nodes.sim_slave import SHAFT
 from spm_haptic_master.teleoperation.command import Pose
 from spm_haptic_master.teleoperation.remote_centre import (
@@ -19,7 +20,7 @@ from spm_haptic_master.teleoperation.remote_centre import (
     distance_from_shaft,
     MILLIMETRES,
 )
-from spm_haptic_master.teleoperation.vectors import difference, norm
+from spm_haptic_master.teleoperation.vectors import norm
 from spm_haptic_master.timing import SECOND
 
 # Interval without a command that separates two stretches (ns): the shortest time-out of teleop.
@@ -192,4 +193,4 @@ def _angle(one: Arrived, other: Arrived) -> float:
 
 
 def _distance(one: Arrived, other: Arrived) -> float:
-    return norm(difference(one.position, other.position))
+    return norm(subtracted(one.position, other.position))

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One drive, as its frames show it, and the requests that set it up; without bus and clock.
+One drive as its frames show it, and the requests that set it up; without bus and clock.
 
-`Drives` gives it the frames and the time; it returns states, and reasons for no torque.
+`Drives` passes the frames and the time to it; it returns states, and reasons for no torque.
 """
 
 from __future__ import annotations
@@ -105,10 +105,10 @@ class Drive:
         # that one and the one before, per mille: a status frame may be as old as two periods.
         self._command = 0
         self._range = self._before = (0, 0)
-        # Time for which the torque was off its command, less that for which it followed, s; time
-        # since which Operation enabled is wanted, s, and whether it was reached since then.
+        # Time for which the torque was off its command, less that for which it followed, s.
         self._off_time = 0.0
-        self._since: float | None = None
+        # Time since which Operation enabled is wanted, s, and whether it was reached since then.
+        self._wanted_since: float | None = None
         self._reached = False
         self.handlers: dict[int, tuple[int, Handler]] = {
             own.status_id: (STATUS.size, self._on_status),
@@ -120,7 +120,7 @@ class Drive:
     def restart(self) -> None:
         """Forget what an acknowledgement clears; from now on a heartbeat is due."""
         self._heartbeat_at = self.now
-        self.emergency = self.absent = self._since = None
+        self.emergency = self.absent = self._wanted_since = None
         self.booted = False
         self._off_time = 0.0
 
@@ -201,11 +201,11 @@ class Drive:
 
         """
         if not operate:
-            self._since = None
-        elif self._since is None:
-            self._since = self.now
+            self._wanted_since = None
+        elif self._wanted_since is None:
+            self._wanted_since = self.now
             self._reached = False
-        if self._since is not None:
+        if self._wanted_since is not None:
             if self.state is State.ENABLED:
                 self._reached = True
                 if self._shown_mode != self.mode:
@@ -215,7 +215,7 @@ class Drive:
                     )
             elif self._reached:
                 return f'left Operation enabled ({self.state.value})'
-            elif self.now - self._since > ENABLE_TIMEOUT:
+            elif self.now - self._wanted_since > ENABLE_TIMEOUT:
                 return (
                     f'{self.state.value} {ENABLE_TIMEOUT:g} s after Operation enabled was '
                     'asked for'
@@ -229,7 +229,7 @@ class Drive:
 
     def _on_status(self, data: bytearray) -> None:
         """
-        Take a status frame: state, torque and mode, and how long the torque was off.
+        Note a status frame: state, torque and mode, and how long the torque was off its command.
 
         The reported torque may lie anywhere in the range of the commands since the status frame
         before the last, widened by TORQUE_SHARE.
@@ -248,14 +248,14 @@ class Drive:
         self._off_time = max(0.0, self._off_time + (-elapsed if follows else elapsed))
 
     def _on_heartbeat(self, data: bytearray) -> None:
-        """Take the NMT state of a heartbeat; a boot-up message is remembered."""
+        """Note the NMT state of a heartbeat, and whether the drive has booted."""
         self._nmt = data[0] & 0x7F
         self._heartbeat_at = self.now
         if self._nmt == canopen.BOOT_UP:
             self.booted = True
 
     def _on_emergency(self, data: bytearray) -> None:
-        """Take an EMCY; an error reset does not clear the one before it."""
+        """Note an EMCY; an error reset does not clear the one before it."""
         # Its reset may come with it in one sample: it ends by an acknowledgement.
         if canopen.emcy_code(data) != canopen.EMCY_ERROR_RESET:
             self.emergency = canopen.emcy_words(data, cia402.ERROR_WORDS)
@@ -297,8 +297,8 @@ class Drive:
         self.identity = yield from self._read_identity()
         wanted = drive_objects(self._plan, self.own)
         values: dict[Key, int | None] = {}
-        for each in wanted.every:
-            values[each.key] = yield from self.read(each.key)
+        for expected in wanted.every:
+            values[expected.key] = yield from self.read(expected.key)
         comparison = Comparison(wanted, values)
         if comparison.different:
             differences = '; '.join(comparison.hinted)

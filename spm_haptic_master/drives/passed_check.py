@@ -5,8 +5,8 @@
 The file of a passed force_check: of which drives, with which directions and gears.
 
 A motor with the wrong sign, two motors that are swapped, or a wrong rated torque make the device
-run away from a touch, and no sample shows it before. So torque goes to those drives alone that a
-check has found right, as it found them.
+run away from a touch, and no sample shows it before. So only drives get torque that a check has
+passed, and only as they were then.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class CheckedDrive:
     node_id : int
         CANopen node id.
     identity : Identity
-        What the drive says of itself.
+        Identity that the drive reports.
     direction : int
         Sign of the motor's torque against that of the joint.
     gear : float
@@ -102,7 +102,7 @@ class PassedCheck:
 
     def difference(self, plans: Sequence[DrivePlan]) -> str | None:
         """
-        Return what is configured in another way than it was checked, in words; None if nothing.
+        Return what is configured differently from what was checked, in words; None if nothing.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class PassedCheck:
         index : int
             Index of its motor.
         found : Identity
-            What the drive says of itself.
+            Identity that the drive reports.
 
         """
         checked = self.drives[index].identity
@@ -178,7 +178,7 @@ def passed_check(
     plans : iterable of DrivePlan
         The drives as configured.
     identities : iterable of Identity
-        What each says of itself.
+        Identity that each reports.
 
     """
     drives = [

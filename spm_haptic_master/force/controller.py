@@ -43,11 +43,9 @@ from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import jacobian, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
-    conjugate,
     matrix_from_quaternion,
-    multiply_quaternions,
+    rotation_between,
     rotation_from_quaternion,
-    vector_from_quaternion,
 )
 from spm_haptic_master.kinematics.vectors import added, dot, scaled, subtracted
 
@@ -253,9 +251,7 @@ class ForceController:
         """Return the work, J, to be added to that of the motor torques of two samples before."""
         if quaternion is None or self._orientation is None:
             return 0.0
-        turn = vector_from_quaternion(
-            *multiply_quaternions(quaternion, conjugate(self._orientation))
-        )
+        turn = rotation_between(self._orientation, quaternion)
         # The ideal weight torque is conservative: only the motors' deviation from it is work.
         work = -dot(self._before.weight, turn)
         before = self._before.wrench

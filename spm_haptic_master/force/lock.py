@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
-    conjugate,
     multiply_quaternions,
     quaternion_from_vector,
+    rotation_between,
     rotation_distance,
-    vector_from_quaternion,
 )
 from spm_haptic_master.kinematics.vectors import scaled
 
@@ -67,8 +66,7 @@ class Lock:
         """
         start = quaternion if self._centre is None else self._centre
         self._centre = _turned(start, target, LOCK_SPEED * dt)
-        turn = multiply_quaternions(self._centre, conjugate(quaternion))
-        return scaled(self._stiffness, vector_from_quaternion(*turn))
+        return scaled(self._stiffness, rotation_between(quaternion, self._centre))
 
 
 def _turned(
@@ -80,5 +78,5 @@ def _turned(
     distance = rotation_distance(target, start)
     if distance <= step:
         return target
-    way = vector_from_quaternion(*multiply_quaternions(target, conjugate(start)))
+    way = rotation_between(start, target)
     return multiply_quaternions(quaternion_from_vector(*scaled(step / distance, way)), start)

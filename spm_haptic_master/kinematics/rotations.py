@@ -245,6 +245,11 @@ def conjugate(q: Quaternion[float]) -> Quaternion[float]:
     return -q[0], -q[1], -q[2], q[3]
 
 
+def rotation_between(one: Quaternion[float], other: Quaternion[float]) -> Vector[float]:
+    """Return the rotation vector, rad, in the base frame, that turns one rotation to the other."""
+    return vector_from_quaternion(*multiply_quaternions(other, conjugate(one)))
+
+
 def rotation_distance(p: Quaternion[float], q: Quaternion[float]) -> float:
     """Angle, rad in [0, pi], between the rotations of two unit quaternions, in plain floats."""
     px, py, pz, pw = p

@@ -11,6 +11,7 @@ import time
 from geometry_msgs.msg import PointStamped, PoseStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.kinematics import rotations
+from spm_haptic_master.kinematics.vectors import added, scaled
 from spm_haptic_master.nodes.latest_angle import LatestAngle
 from spm_haptic_master.nodes.slave_torque import components
 from spm_haptic_master.nodes.teleop_factory import trocar_from
@@ -27,7 +28,7 @@ from spm_haptic_master.teleoperation.remote_centre import (
     distance_from_shaft,
     MILLIMETRES,
 )
-from spm_haptic_master.teleoperation.vectors import FloatVector, rotate, scaled, total, ZERO
+from spm_haptic_master.teleoperation.vectors import FloatVector, rotate, ZERO
 
 # Longest time that the slave moves in one step (s): a process that was stopped does not jump.
 LONGEST_STEP = 0.05
@@ -176,7 +177,7 @@ class SimSlave(ParameterNode):
         back = rotations.conjugate(self._rotation)
         turn = rotations.multiply_quaternions(self._commanded, back)
         ahead = rotations.vector_from_quaternion(*turn)
-        step = rotations.quaternion_from_vector(*scaled(ahead, share))
+        step = rotations.quaternion_from_vector(*scaled(share, ahead))
         moved = rotations.multiply_quaternions(step, self._rotation)
         # Without the rounding of the product.
         self._rotation = unit_quaternion(moved) or self._rotation
@@ -186,7 +187,7 @@ class SimSlave(ParameterNode):
         position = ZERO
         if self._trocar is not None:
             direction = rotate(self._rotation, SHAFT)
-            position = total(self._trocar, scaled(direction, self._depth))
+            position = added(self._trocar, scaled(self._depth, direction))
         stamp = self.get_clock().now().to_msg()
         pose = self._pose.pose
         pose.position.x, pose.position.y, pose.position.z = position

@@ -16,13 +16,13 @@ from __future__ import annotations
 from geometry_msgs.msg import Vector3, WrenchStamped
 from rclpy.node import Node
 from spm_haptic_master.kinematics.rotations import conjugate
-from spm_haptic_master.kinematics.vectors import cross
+from spm_haptic_master.kinematics.vectors import cross, scaled, subtracted
 from spm_haptic_master.nodes.teleop_factory import registration_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.qos import WRENCHES
 from spm_haptic_master.teleoperation.command import Pose
-from spm_haptic_master.teleoperation.vectors import difference, FloatVector, rotate, scaled
+from spm_haptic_master.teleoperation.vectors import FloatVector, rotate
 
 # Topics: of the slave, and of the master.
 SLAVE_TOPIC = 'slave/measured_cf'
@@ -90,7 +90,7 @@ class SlaveTorque:
         about_tip = self._torque_about_tip(message, slave)
         torque = rotate(self._to_master, about_tip)
         found = self._message.wrench.torque
-        found.x, found.y, found.z = scaled(torque, self._scale)
+        found.x, found.y, found.z = scaled(self._scale, torque)
         self._message.header.stamp = stamp
         self._out.publish(self._message)
         self.count += 1
@@ -126,7 +126,7 @@ class SlaveTorque:
             return rotate(slave.rotation, torque)
         if self._frame == SPATIAL:
             force = components(message.wrench.force)
-            return difference(torque, cross(slave.position, force))
+            return subtracted(torque, cross(slave.position, force))
         return torque
 
 

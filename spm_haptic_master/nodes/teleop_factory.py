@@ -9,6 +9,7 @@ from math import inf, radians
 
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.rotations import zxz_quaternion
+from spm_haptic_master.kinematics.vectors import scaled
 from spm_haptic_master.parameters.nodes import ANY_OFFSET, NO_TROCAR
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
@@ -16,7 +17,7 @@ from spm_haptic_master.teleoperation.conditions import Conditions
 from spm_haptic_master.teleoperation.engaging import Teleoperation
 from spm_haptic_master.teleoperation.limited_depth import DepthLimits
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentreSettings
-from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm, scaled
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm
 
 # Periods of the command that it makes up for in one step, after a pause.
 LONGEST_STEP = 2.0
@@ -212,4 +213,4 @@ def _shaft(values: Values) -> FloatVector | None:
             value=[x, y, z],
             expected='a vector of length 1, or zeros where it is not known',
         )
-    return scaled((x, y, z), 1.0 / length)
+    return scaled(1.0 / length, (x, y, z))

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which orientations are published: limits, monitors of symptoms, fault isolation, the supervisor.
+Which orientations are published: symptoms, fault isolation, and what an orientation is worth.
 
-A sample passes `SampleClock` (its time), `SensorsInUse` (which readings exist), `JointMonitors`
-(each joint by itself), `SensorSet` (all sensors against each other), `Anchor` (the last
-orientation) and `Rivals` (other orientations that may be true). `Supervisor` calls them in this
-order and returns one `Verdict`. A symptom that lasts is latched by `FaultLatch`; `Exposure` counts
-how long ago each sensor was last checked, and `StateMachine` has the words of `state`.
+A `Sample` passes `SampleClock` (its time), `SensorsInUse` (which readings exist), `JointMonitors`
+(each joint by itself), `SensorSet` (all sensors against each other, by its `Solver`), `Anchor`
+(the last orientation), `Rivals` (other orientations that may be true) and `UnseenJumps` (steps
+that only a joint by itself shows). `Supervisor` calls them in this order and returns one
+`Verdict`. A symptom that lasts is latched by `FaultLatch`; a `Trial` shows which other sensors
+may take over; `Exposure` counts how long ago each sensor was last checked, and `StateMachine` has
+the words of `state`.
 
 Imports parameters, kinematics and the top-level modules; no clock, no I/O, no ROS.
 """

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from spm_haptic_master.kinematics.vectors import cross
-from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, total, ZERO
+from spm_haptic_master.kinematics.vectors import added, cross
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, ZERO
 
 
 class Pose(NamedTuple):
@@ -30,7 +30,7 @@ class Motion(NamedTuple):
     @property
     def linear(self) -> FloatVector:
         """Velocity of the tip, m/s: v = omega x (p - p_t) + L' R u."""
-        return total(cross(self.angular, self.lever), self.sliding)
+        return added(cross(self.angular, self.lever), self.sliding)
 
 
 class Command(NamedTuple):

@@ -9,18 +9,19 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
-from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    quaternion_from_vector,
+    rotation_between,
+)
+from spm_haptic_master.kinematics.vectors import added, scaled, subtracted
 from spm_haptic_master.teleoperation.braking import braking_speed, closing_speed
 from spm_haptic_master.teleoperation.tilt_cone import TiltCone
 from spm_haptic_master.teleoperation.vectors import (
-    difference,
     FloatQuaternion,
     FloatVector,
     moved_toward,
     norm,
-    rotation_between,
-    scaled,
-    total,
     ZERO,
 )
 
@@ -103,10 +104,10 @@ class LimitedRotation:
             return 'jump'
         covered = min(limits.speed * min(dt, limits.longest), limits.jump)
         step = Step(dt, speed=covered / dt, gain=limits.acceleration * dt)
-        wanted = scaled(error, 1.0 / dt)
+        wanted = scaled(1.0 / dt, error)
         moving = wanted
         if self._target is not None:
-            moving = scaled(rotation_between(self._target, target), 1.0 / dt)
+            moving = scaled(1.0 / dt, rotation_between(self._target, target))
         broken = self._broken_by(wanted, moving, step)
         if broken and not limits.slews:
             return broken
@@ -130,10 +131,10 @@ class LimitedRotation:
         if norm(wanted) > (1.0 + ROUNDING) * step.speed:
             return 'speed'
         gain = (1.0 + ROUNDING) * step.gain
-        if norm(difference(wanted, self.velocity)) > gain:
+        if norm(subtracted(wanted, self.velocity)) > gain:
             return 'acceleration'
         # Where it has caught up, it must not be faster than the target by too much.
-        if moving is not wanted and norm(difference(wanted, moving)) > gain:
+        if moving is not wanted and norm(subtracted(wanted, moving)) > gain:
             return 'acceleration'
         return ''
 
@@ -148,7 +149,7 @@ class LimitedRotation:
         if norm(velocity) * step.dt > (1.0 + ROUNDING) * self._limits.jump:
             return 'jump'
         self._target = target
-        turned = quaternion_from_vector(*scaled(velocity, step.dt))
+        turned = quaternion_from_vector(*scaled(step.dt, velocity))
         moved = multiply_quaternions(turned, self.rotation)
         # A product of unit quaternions: only rounding is taken off.
         self._move_to(unit_quaternion(moved) or self.rotation, velocity, target, step.dt)
@@ -164,8 +165,8 @@ class LimitedRotation:
         distance = norm(error)
         closing = ZERO
         if distance > 0.0:
-            closing = scaled(error, closing_speed(distance, step.dt, step.gain) / distance)
-        wanted = moved_toward(ZERO, total(closing, moving), step.speed)
+            closing = scaled(closing_speed(distance, step.dt, step.gain) / distance, error)
+        wanted = moved_toward(ZERO, added(closing, moving), step.speed)
         velocity = moved_toward(self.velocity, wanted, step.gain)
         if norm(velocity) > step.speed:
             # The limit is lower than at the last step where this one is longer: it brakes.
@@ -184,7 +185,7 @@ class LimitedRotation:
         if self._cone is not None:
             kept = self._kept_in(self._cone, rotation, dt)
             if kept is not rotation:
-                velocity = scaled(rotation_between(self.rotation, kept), 1.0 / dt)
+                velocity = scaled(1.0 / dt, rotation_between(self.rotation, kept))
                 rotation = kept
                 self._target = target
         self.velocity = velocity

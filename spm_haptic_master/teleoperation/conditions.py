@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from math import inf, nan, radians
 
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
+from spm_haptic_master.kinematics.vectors import subtracted
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation.command import Pose
 from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentreSettings
-from spm_haptic_master.teleoperation.vectors import difference, FloatQuaternion, FloatVector, norm
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm
 
 # Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
@@ -191,5 +192,5 @@ class Inputs:
 
 def _is_near(one: Pose, other: Pose) -> bool:
     """Return whether two poses are those of a slave at rest."""
-    moved = norm(difference(one.position, other.position))
+    moved = norm(subtracted(one.position, other.position))
     return moved <= REST_DISTANCE and rotation_distance(one.rotation, other.rotation) <= REST_ANGLE

@@ -16,6 +16,7 @@ from __future__ import annotations
 from enum import Enum
 
 from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.kinematics.vectors import subtracted
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation import remote_centre
 from spm_haptic_master.teleoperation.command import Command, Pose
@@ -30,7 +31,7 @@ from spm_haptic_master.teleoperation.conditions import (
 )
 from spm_haptic_master.teleoperation.following import Following
 from spm_haptic_master.teleoperation.remote_centre import Pivot, RemoteCentre
-from spm_haptic_master.teleoperation.vectors import difference, FloatQuaternion, FloatVector, norm
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm
 from spm_haptic_master.timing import SECOND, StampGrid
 
 # Largest backlog (s) of commands that may go out at once beyond the longest step: a computer
@@ -197,7 +198,7 @@ class Teleoperation:
         conditions = self._conditions
         if rotation_distance(commanded.rotation, slave.rotation) > conditions.tracking_limit:
             return 'the slave does not follow'
-        behind = norm(difference(commanded.position, slave.position))
+        behind = norm(subtracted(commanded.position, slave.position))
         if behind > conditions.tip_tracking_limit:
             return f'tip {remote_centre.MILLIMETRES * behind:.0f} mm from its command'
         if self._pivot is None:
@@ -228,7 +229,7 @@ class Teleoperation:
         if self._pivot is None:
             self.disengage('a trocar was given')
             return
-        moved = norm(difference(trocar, self._pivot.trocar))
+        moved = norm(subtracted(trocar, self._pivot.trocar))
         if moved > remote_centre.TROCAR_TOLERANCE:
             self.disengage(f'trocar moved by {remote_centre.MILLIMETRES * moved:.0f} mm')
 

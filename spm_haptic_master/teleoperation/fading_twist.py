@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+from spm_haptic_master.kinematics.vectors import scaled
 from spm_haptic_master.teleoperation.command import Motion
-from spm_haptic_master.teleoperation.vectors import moved_toward, norm, scaled, ZERO
+from spm_haptic_master.teleoperation.vectors import moved_toward, norm, ZERO
 
 # Share by which a velocity may exceed a limit and still be followed exactly (unit 1): rounding.
 ROUNDING = 1e-9
@@ -70,9 +71,9 @@ class FadingTwist:
         if passed < duration:
             left = 1.0 - passed / duration
             self._motion = Motion(
-                angular=scaled(first.angular, left),
+                angular=scaled(left, first.angular),
                 lever=first.lever,
-                sliding=scaled(first.sliding, left),
+                sliding=scaled(left, first.sliding),
             )
         else:
             self._motion = Motion(

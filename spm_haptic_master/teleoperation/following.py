@@ -20,11 +20,12 @@ from spm_haptic_master.kinematics.rotations import (
     quaternion_from_vector,
     vector_from_quaternion,
 )
+from spm_haptic_master.kinematics.vectors import scaled
 from spm_haptic_master.teleoperation.braking import braking_speed
 from spm_haptic_master.teleoperation.command import Command, Motion, Pose
 from spm_haptic_master.teleoperation.command_limits import CommandLimits, LimitedRotation
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentre
-from spm_haptic_master.teleoperation.vectors import FloatQuaternion, norm, scaled
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, norm
 from spm_haptic_master.timing import SECOND
 
 # Offset that counts as none (rad): far below the resolution of any encoder.
@@ -160,5 +161,5 @@ class Following:
         if left <= angle:
             self._offset = (0.0, 0.0, 0.0, 1.0)
             return
-        shrunk = scaled(vector_from_quaternion(*self._offset), 1.0 - angle / left)
+        shrunk = scaled(1.0 - angle / left, vector_from_quaternion(*self._offset))
         self._offset = quaternion_from_vector(*shrunk)

@@ -20,19 +20,11 @@ from dataclasses import dataclass
 from math import inf
 
 from spm_haptic_master.kinematics.rotations import conjugate
-from spm_haptic_master.kinematics.vectors import cross
+from spm_haptic_master.kinematics.vectors import added, cross, scaled, subtracted
 from spm_haptic_master.teleoperation.command import Command, Motion, Pose
 from spm_haptic_master.teleoperation.limited_depth import DepthLimits, LimitedDepth
 from spm_haptic_master.teleoperation.tilt_cone import TiltCone
-from spm_haptic_master.teleoperation.vectors import (
-    difference,
-    FloatQuaternion,
-    FloatVector,
-    norm,
-    rotate,
-    scaled,
-    total,
-)
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm, rotate
 
 # Smallest depth of the tip (m): nearer to the trocar its direction is not that of the shaft.
 LEAST_DEPTH = 0.005
@@ -68,7 +60,7 @@ class Pivot:
 
 def depth_of(trocar: FloatVector, slave: Pose) -> float:
     """Return the distance L_0 from the trocar to the tip, m."""
-    return norm(difference(slave.position, trocar))
+    return norm(subtracted(slave.position, trocar))
 
 
 def shaft_through(trocar: FloatVector, slave: Pose) -> FloatVector:
@@ -88,8 +80,8 @@ def shaft_through(trocar: FloatVector, slave: Pose) -> FloatVector:
         Unit vector from the trocar to the tip, in the tool's frame.
 
     """
-    lever = difference(slave.position, trocar)
-    return rotate(conjugate(slave.rotation), scaled(lever, 1.0 / norm(lever)))
+    lever = subtracted(slave.position, trocar)
+    return rotate(conjugate(slave.rotation), scaled(1.0 / norm(lever), lever))
 
 
 def distance_from_shaft(
@@ -110,7 +102,7 @@ def distance_from_shaft(
         Direction of the line in the tool's frame, unit vector u.
 
     """
-    return norm(cross(difference(point, slave.position), rotate(slave.rotation, shaft)))
+    return norm(cross(subtracted(point, slave.position), rotate(slave.rotation, shaft)))
 
 
 def obstacle(
@@ -235,12 +227,12 @@ class RemoteCentre:
     def command(self, rotation: FloatQuaternion, angular: FloatVector) -> Command:
         """Return tip and motion for a commanded rotation and its angular velocity, rad/s."""
         direction = rotate(rotation, self.pivot.shaft)
-        lever = scaled(direction, self._depth.depth)
+        lever = scaled(self._depth.depth, direction)
         return Command(
-            Pose(rotation, total(self.pivot.trocar, lever)),
+            Pose(rotation, added(self.pivot.trocar, lever)),
             Motion(
                 angular=angular,
                 lever=lever,
-                sliding=scaled(direction, self._depth.rate),
+                sliding=scaled(self._depth.rate, direction),
             ),
         )

@@ -8,14 +8,8 @@ from __future__ import annotations
 from math import acos, atan2, cos
 
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
-from spm_haptic_master.kinematics.vectors import cross, dot
-from spm_haptic_master.teleoperation.vectors import (
-    FloatQuaternion,
-    FloatVector,
-    norm,
-    rotate,
-    scaled,
-)
+from spm_haptic_master.kinematics.vectors import cross, dot, scaled
+from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm, rotate
 
 
 class TiltCone:
@@ -64,7 +58,7 @@ class TiltCone:
         excess = atan2(sine, dot(self._axis, direction)) - angle
         if excess <= 0.0 or sine == 0.0:
             return rotation
-        back = quaternion_from_vector(*scaled(normal, -excess / sine))
+        back = quaternion_from_vector(*scaled(-excess / sine, normal))
         return multiply_quaternions(back, rotation)
 
     def _cosine(self, rotation: FloatQuaternion) -> float:

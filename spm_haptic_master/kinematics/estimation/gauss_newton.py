@@ -4,9 +4,9 @@
 """
 Gauss-Newton on one joint sample, in plain floats for the 1 kHz path, and on rows of a batch.
 
-On closures and corrections together it minimises the weighted sum of the squared corrections.
-Unlike the angles of the inverse model, the closures exist for all readings, also just outside the
-reach of a leg, and each leg stays in the working mode of its reading.
+It closes the legs, and minimises the weighted sum of the squared residuals of the readings. Unlike
+the angles of the inverse model, the closures exist for all readings, also just outside the reach
+of a leg, and each leg stays in the working mode of its reading.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ from spm_haptic_master.kinematics.number_backends import (
 )
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, stack_matrix
 
-# Largest last Gauss-Newton step (rad): each step is shorter than the one before by a factor of the
-# noise (in rad) or less, so that the error after this one is 1e-8 rad at 0.04 deg.
+# Length of a Gauss-Newton step (rad) below which no other follows: each step is shorter than the
+# one before by a factor of the noise (in rad) or less, so that 1e-8 rad are left at 0.04 deg.
 CONVERGED_STEP = 1e-5
 # Largest number of Gauss-Newton steps, of a sample and of rows together; two are usual. Rows that
 # need more are done one by one.
@@ -159,12 +159,12 @@ def fit(
     """
     for _ in range(STEPS):
         legs, rows = linearise(state, view, readings, sensors, g, FLOATS)
-        right, entries, determinant, product = normal_equations(rows)
-        if not determinant > RANK_TOLERANCE * product:
+        right, adjugate, determinant, diagonal = normal_equations(rows)
+        if not determinant > RANK_TOLERANCE * diagonal:
             raise SingularityError(
                 f'readings {readings} rad: the sensors do not measure every direction'
             )
-        step, spread = gauss_newton_step(right, legs, entries, determinant)
+        step, spread = gauss_newton_step(right, legs, adjugate, determinant)
         if _is_within(step, last_step):
             state = _moved(state, step, 1.0)
             (*_, volume_b), (*_, volume_c) = legs
@@ -285,8 +285,8 @@ def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array,
     with np.errstate(all='ignore'):
         for _ in range(BATCH_STEPS):
             legs, rows = linearise(state, view, columns, sensors, g, ARRAYS)
-            right, entries, determinant, product = normal_equations(rows)
-            step, spread = gauss_newton_step(right, legs, entries, determinant)
+            right, adjugate, determinant, diagonal = normal_equations(rows)
+            step, spread = gauss_newton_step(right, legs, adjugate, determinant)
             d1, d2, d3, db, dc = step
             th1a, th2a, th3a, th1b, th1c = state = (
                 th1a + d1,
@@ -295,8 +295,8 @@ def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array,
                 th1b + db,
                 th1c + dc,
             )
-            longest = np.max([np.abs(each) for each in step], axis=0)
-            trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
+            longest = np.max([np.abs(change) for change in step], axis=0)
+            trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * diagonal)
             settled = trusted & (longest < CONVERGED_STEP)
             if np.array_equal(settled, trusted):
                 break

@@ -82,12 +82,12 @@ def linearise(
     if weight_c or weight_3c:
         reading = readings[5] if weight_3c else None
         closure_c, row_c = closed_leg(turns, leg_c, g, 2, reading, weight_3c, m)
-    left_b, b1, b2, b3, _ = closure_b
-    left_c, d1, d2, d3, _ = closure_c
+    correction_b, b1, b2, b3, _ = closure_b
+    correction_c, c1, c2, c3, _ = closure_c
     rows = (
         (readings[0] - th1a, 1.0, 0.0, 0.0, weight_a),
-        (readings[1] - th1b + left_b, b1, b2, b3, weight_b),
-        (readings[2] - th1c + left_c, d1, d2, d3, weight_c),
+        (readings[1] - th1b + correction_b, b1, b2, b3, weight_b),
+        (readings[2] - th1c + correction_c, c1, c2, c3, weight_c),
         (readings[3] - th3a, 0.0, 0.0, 1.0, weight_3),
         row_b,
         row_c,
@@ -122,9 +122,9 @@ def closed_leg(
     # Along the leg's own active angle it changes at the rate B_kk = -Z1k . (Z3k x Z2k).
     along = dot(first, moment)
     reciprocal = m.mode_reciprocal(along)
-    left = (cos_beta - dot(second, third)) * reciprocal
+    correction = (cos_beta - dot(second, third)) * reciprocal
     rate_1, rate_2, rate_3 = _rates(moment, reciprocal, carrier_first, carrier)
-    closure: Closure[N] = left, rate_1, rate_2, rate_3, -along
+    closure: Closure[N] = correction, rate_1, rate_2, rate_3, -along
     if reading is None:
         return closure, NO_ROW
     # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
@@ -134,7 +134,7 @@ def closed_leg(
     # A turn of the platform changes th3k at the rate axis . (Z2k x Z1k) / Z1k . (Z3k x Z2k).
     rate_1, rate_2, rate_3 = _rates(cross(second, first), reciprocal, carrier_first, carrier)
     # th3k follows th1k, which the closure corrects.
-    follows = _rate_of_third(first, third, g.legs[place]) * left
+    follows = _rate_of_third(first, third, g.legs[place]) * correction
     residual = m.remainder(reading - th3, TURN) + follows
     return closure, (residual, rate_1, rate_2, rate_3, weight)
 
@@ -171,15 +171,16 @@ def _rate_of_third(
 
 def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N], N, N]:
     """
-    Return right side (1 / rad), inverse times determinant (1 / rad^4), determinant, and a bound.
+    Return right side (1 / rad), adjugate (1 / rad^4), determinant and diagonal (1 / rad^6).
 
-    That is the product of the diagonal (1 / rad^6): where the determinant is far smaller, the
-    sensors do not measure every direction.
+    The inverse of the normal matrix is its adjugate over the determinant. The last number is the
+    product of the diagonal: where the determinant is far smaller, the sensors do not measure every
+    direction.
     """
     row_a, row_b, row_c, row_3, *further = rows
     # th1A and th3A are coordinates themselves.
-    left_a, _, _, _, weight_a = row_a
-    left_3, _, _, _, weight_3 = row_3
+    residual_a, _, _, _, weight_a = row_a
+    residual_3, _, _, _, weight_3 = row_3
     zero: N = 0.0
     n11 = zero + weight_a
     n12 = zero
@@ -187,7 +188,7 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
     n22 = zero
     n23 = zero
     n33 = zero + weight_3
-    y1 = weight_a * left_a
+    y1 = weight_a * residual_a
     y2 = zero
     y3 = zero
     for residual, x, y, z, weight in (row_b, row_c, *further):
@@ -203,7 +204,7 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
         y1 = y1 + wx * residual
         y2 = y2 + wy * residual
         y3 = y3 + wz * residual
-    y3 = y3 + weight_3 * left_3
+    y3 = y3 + weight_3 * residual_3
     e11 = n22 * n33 - n23 * n23
     e12 = n13 * n23 - n12 * n33
     e13 = n12 * n23 - n13 * n22
@@ -218,7 +219,7 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
 def gauss_newton_step(
     right: Vector[N],
     legs: Legs[N],
-    entries: Symmetric[N],
+    adjugate: Symmetric[N],
     determinant: N,
 ) -> tuple[State[N], Symmetric[N]]:
     """
@@ -226,8 +227,8 @@ def gauss_newton_step(
 
     In the step th1B and th1C follow so that their legs close.
     """
-    (left_b, b1, b2, b3, _), (left_c, c1, c2, c3, _) = legs
-    e11, e12, e13, e22, e23, e33 = entries
+    (correction_b, b1, b2, b3, _), (correction_c, c1, c2, c3, _) = legs
+    e11, e12, e13, e22, e23, e33 = adjugate
     y1, y2, y3 = right
     p11 = e11 / determinant
     p12 = e12 / determinant
@@ -238,8 +239,8 @@ def gauss_newton_step(
     d1 = p11 * y1 + p12 * y2 + p13 * y3
     d2 = p12 * y1 + p22 * y2 + p23 * y3
     d3 = p13 * y1 + p23 * y2 + p33 * y3
-    db = b1 * d1 + b2 * d2 + b3 * d3 - left_b
-    dc = c1 * d1 + c2 * d2 + c3 * d3 - left_c
+    db = b1 * d1 + b2 * d2 + b3 * d3 - correction_b
+    dc = c1 * d1 + c2 * d2 + c3 * d3 - correction_c
     return (d1, d2, d3, db, dc), (p11, p12, p13, p22, p23, p33)
 
 
@@ -300,21 +301,21 @@ def parities(
     Returns
     -------
     vector : tuple of number
-        Parities of unit variance; one sensor fewer than the next each, the first of four.
+        Parities of unit variance: the first of four sensors, each further one of one more.
     changes : tuple of ParityRow
         Change of each parity with the N readings, 1 / rad.
 
     """
     if sensors.count == FEWEST_USED:
         return (), ()
-    lines = []
+    changes = []
     # Backwards: the covariance is of all sensors, then without the last, and so on.
     for index in range(sensors.count - 1, FEWEST_USED, -1):
-        line, covariance = _comparison(rows, sensors, index, covariance, m)
-        lines.append(line)
-    lines.append(_parity_of_four(rows, sensors, m))
-    lines.reverse()
-    return tuple([_parity(line, rows) for line in lines]), tuple(lines)
+        change, covariance = _comparison(rows, sensors, index, covariance, m)
+        changes.append(change)
+    changes.append(_parity_of_four(rows, sensors, m))
+    changes.reverse()
+    return tuple([_parity(change, rows) for change in changes]), tuple(changes)
 
 
 def _comparison(
@@ -338,14 +339,15 @@ def _comparison(
         p12 * x + p22 * y + p23 * z,
         p13 * x + p23 * y + p33 * z,
     )
-    # The variance of the sensor's residual in the fit, which it has drawn, over its own.
+    # Variance of the sensor's residual in the fit, which the sensor has drawn to it, over its own.
     share = 1.0 - weight * dot((x, y, z), gain)
     size = m.reciprocal_root(share, NO_SHARE) / sensors.sigma[place]
-    line: list[N] = [0.0] * len(rows)
+    changes: list[N] = [0.0] * len(rows)
     for before in places[:index]:
         _, x, y, z, weight = rows[before]
-        line[before] = -size * weight * dot((x, y, z), gain)
-    line[place] = size * share
+        changes[before] = -size * weight * dot((x, y, z), gain)
+    changes[place] = size * share
+    # The covariance without the sensor is P + size^2 gain gain^T.
     g1, g2, g3 = gain
     h1 = size * size * g1
     h2 = size * size * g2
@@ -358,7 +360,7 @@ def _comparison(
         p23 + h2 * g3,
         p33 + h3 * g3,
     )
-    return tuple(line), without
+    return tuple(changes), without
 
 
 def _parity_of_four(
@@ -390,17 +392,17 @@ def _parity_of_four(
         + part_s * part_s / weights[place_s],
         0.0,
     )
-    line: list[N] = [0.0] * len(rows)
-    line[place_p] = scale * part_p
-    line[place_q] = scale * part_q
-    line[place_r] = scale * part_r
-    line[place_s] = scale * part_s
-    return tuple(line)
+    changes: list[N] = [0.0] * len(rows)
+    changes[place_p] = scale * part_p
+    changes[place_q] = scale * part_q
+    changes[place_r] = scale * part_r
+    changes[place_s] = scale * part_s
+    return tuple(changes)
 
 
-def _parity(line: ParityRow[N], rows: tuple[Row[N], ...]) -> N:
-    """Return a parity from its changes with the readings and the residuals."""
+def _parity(changes: ParityRow[N], rows: tuple[Row[N], ...]) -> N:
+    """Return a parity from its changes with the readings, and the residuals."""
     parity: N = 0.0
-    for change, row in zip(line, rows, strict=True):
+    for change, row in zip(changes, rows, strict=True):
         parity = parity + change * row[0]
     return parity
