@@ -216,8 +216,7 @@ class FaultLatch:
         """
         Let a person end what only he can: first two jumps, then the wait for checks.
 
-        A fault of an isolated sensor ends only where the others check it. Consistent samples are
-        needed in any case.
+        Consistent samples are needed in any case.
         """
         fault = self.fault
         if fault is None:
@@ -227,7 +226,7 @@ class FaultLatch:
             fault.jumped.clear()
             self._unexplained = fault.last_bad
             return Acknowledgement(ended, self._waits(fault))
-        if fault.symptom.sensor is None and not fault.is_acknowledged:
+        if not fault.is_acknowledged:
             fault.acknowledged = fault.last_bad
             fault.waiting = ()
             return Acknowledgement(fault.words, self._waits(fault))

@@ -105,6 +105,20 @@ def test_two_that_jumped_back_need_no_person():
     assert 100 <= until_healthy(rig) <= 125
 
 
+def test_a_fault_of_a_named_sensor_that_nothing_checks_is_ended_by_a_person():
+    """At 0.5 deg th3A of four can be checked nowhere: its fault lasted until a restart."""
+    rig = Rig(recovery=RECOVERY, alert_limit_deg=0.5)
+    rig.samples(60, th3a=8.0)
+    assert rig.state == 'silent: joint_3a jumped'
+    assert until_healthy(rig) is None
+    assert 'waits until checked: joint_3a' in rig.state
+    answer = rig.supervisor.acknowledge()
+    assert answer.ended.startswith('joint_3a jumped')
+    assert rig.supervisor.acknowledge().ended == ''
+    assert until_healthy(rig) <= 125
+    assert rig.supervisor.parts[3] > np.radians(0.5)
+
+
 # Which sensor it is ---------------------------------------------------------------------------
 
 
