@@ -30,7 +30,8 @@ CAN = {
     **simulated_rig(),
 }
 LOG = Path(__file__).parents[1] / 'data' / 'fig9_canopen.log.gz'
-REPLAY = {'source': 'replay', 'replay.path': LOG, **simulated_rig()}
+REPLAY_OF_NOTHING = {'source': 'replay', **simulated_rig()}
+REPLAY = {**REPLAY_OF_NOTHING, 'replay.path': LOG}
 
 
 def argument(program, given, what, refused, why, message):

@@ -3,14 +3,12 @@
 
 """Recordings that cannot be read, and rigs that cannot be simulated."""
 
-from spm_haptic_master.parameters.files import simulated_rig
-
-from refusals.refusal import parameter, Refusal, REPLAY, SIM
+from refusals.refusal import parameter, Refusal, REPLAY, REPLAY_OF_NOTHING, SIM
 
 SOURCES = (
     parameter(
         'encoder_driver',
-        {'source': 'replay', **simulated_rig()},
+        REPLAY_OF_NOTHING,
         'replay.path',
         'not given',
         'there is nothing to play',
