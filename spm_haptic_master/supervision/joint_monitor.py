@@ -207,7 +207,7 @@ class JointMonitor:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the sensor as measured, rad."""
+        """Return the standard deviation of the sensor as measured, rad."""
         return sqrt(self._mean_square) / DIFFERENCE
 
     @property
