@@ -8,7 +8,7 @@ The weight on the platform, with the part of the distal links that it carries, i
 offset in the platform frame. That of a proximal link, with the part of its distal link, is one in
 the plane across Z1k: along Z2k and along Z1k x Z2k. The centre of a distal link is taken to lie in
 the plane of its two axes, as that of an arc. With the acceleration g of gravity, `down`, such a
-product r of mass and offset is held still by
+product r of mass and offset is at rest with the torque
 
     in the platform       r x (-g)                     on the handle
     in proximal link k    -(g . (Z1k x r))  G_k        on the handle: a torque on th1k
@@ -147,7 +147,7 @@ def identify_gravity(
     down: Vector[float] = STANDARD,
 ) -> tuple[Gravity, float]:
     """
-    Return the gravity of handle and links that explains the motor torques that held them still.
+    Return the gravity of handle and links by the motor torques with which they were at rest.
 
     Parameters
     ----------

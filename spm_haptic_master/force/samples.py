@@ -105,7 +105,7 @@ class ForceState:
 
     @property
     def has_support(self) -> bool:
-        """Whether weight and end stop are borne."""
+        """Whether weight compensation and end stop have torque."""
         if self.why is None:
             return self.condition is not Condition.OFF
         return self.why not in ENDS_ALL and self.why not in ENDS_SUPPORT

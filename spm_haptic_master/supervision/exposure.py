@@ -43,7 +43,7 @@ class CheckTimes:
     def __init__(self, sensors: int, window: int) -> None:
         self._window = window
         self.latest: list[int | None] = [None] * sensors
-        # Number of consistent samples so far.
+        # Number of the latest consistent sample.
         self._samples = 0
         self.interrupt()
 

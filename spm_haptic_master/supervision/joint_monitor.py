@@ -169,7 +169,7 @@ class JointMonitor:
         # differences it averages.
         self._mean_square = (DIFFERENCE * sigma) ** 2
         self._learnt = LEARNT_SAMPLES
-        # Smallest change of the reading so far, rad.
+        # Smallest change between two readings, rad.
         self._resolution = COARSEST
         # Share of readings that repeat the last one while the joint moves (unit 1).
         self._repeat_share = 0.0

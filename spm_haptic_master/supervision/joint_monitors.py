@@ -49,7 +49,7 @@ class JointMonitors:
     parity_bias : float
         Bound of that part of all of these that no motion of the device explains, rad.
     samples : int
-        Number of samples so far.
+        Number of the latest sample.
 
     """
 

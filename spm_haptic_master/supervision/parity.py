@@ -186,7 +186,7 @@ class ParityWindow:
             self._sum_anew()
 
     def _sum_anew(self) -> None:
-        """Compute the sums anew from the samples of the window, without the rounding so far."""
+        """Compute the sums anew from the samples of the window: rounding errors had added up."""
         self._since_summed = 0
         _, xs, ys, zs, biases = zip(*self._parities, strict=True)
         self._x = sum(xs)

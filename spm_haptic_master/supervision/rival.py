@@ -85,7 +85,7 @@ class Rival:
     stuck : Interval
         Constant readings of the sensor, rad, that explain all samples since.
     misses : int
-        While it is lost, how often it was looked for among all solutions.
+        While it is lost, how often it was searched for among all solutions.
     computed_at : tuple of four float, or None
         Published orientation for which it was computed last; None: compute it at once.
     healthy : float

@@ -41,8 +41,8 @@ from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 SAME_TURN = 0.01
 # Reach of a human since a place (rad) within which a rival is looked for once among all solutions.
 NEAR_REACH = 0.1
-# Times that a lost rival is looked for among all solutions before it is over: noise alone can hide
-# a solution near another one of the same sensors.
+# Times that a lost rival is searched for among all solutions before it is over: noise alone can
+# hide a solution near another one of the same sensors.
 MISSES = 3
 # Share of the least step to a rival from which a step may lead to it.
 HALF_WAY = 0.5
@@ -299,7 +299,7 @@ class Rivals:
 
     def _lose(self, sensor: int, place: Place) -> None:
         """
-        Look for the truth of a sensor's hypothesis, from where it was.
+        Count the hypothesis of a sensor as lost, from a place of the platform on.
 
         With more than `MOST_PLACES` for one sensor, they are replaced by one: anywhere.
         """
@@ -385,23 +385,24 @@ class Rivals:
         Add the solutions in reach of a lost rival; it is over once that is certain.
 
         One that had been found is over with a solution, or after `MISSES` places of the platform.
-        Any other is looked for in one sample after another, see `_looks`.
+        Any other is searched for in one sample after another, see `_tries`.
         """
-        reached = [each for each in solutions if self._is_in_reach(sample, rival.place, each)]
+        place = rival.place
+        reached = [other for other in solutions if self._is_in_reach(sample, place, other)]
         rival.misses += 1
         if rival.born:
             rival.computed_at = here.quaternion
             is_over = bool(reached) or rival.misses >= MISSES
         else:
-            is_over = rival.misses >= self._looks(rival, sample)
+            is_over = rival.misses >= self._tries(rival, sample)
         if is_over:
             self._rivals.remove(rival)
         for solution in reached:
             self._add(replace(rival), sample, here, solution)
 
-    def _looks(self, rival: Rival, sample: Sample) -> int:
+    def _tries(self, rival: Rival, sample: Sample) -> int:
         """
-        Return in how many samples a hypothesis that was never found is looked for.
+        Return in how many samples a hypothesis that was never found is searched for.
 
         Noise can hide a solution of three sensors that is near another one of them: they are
         complex then. The best fit of more sensors is there with noise as well. Within `NEAR_REACH`

@@ -59,8 +59,8 @@ class SampleClock:
     Attributes
     ----------
     now : int
-        Time of the latest sample, ns: its stamp, until the clock is set back; then it goes on by a
-        period a sample. 0 before the first.
+        Time of the latest sample, ns: that since the first stamp, and `LEAST_PERIOD`. While the
+        clock is set back it goes on by a period a sample. 0 before the first sample.
     period : float
         Usual time between samples, s: a mean over `PERIOD_SAMPLES`; 0 before the second sample.
     jitter : float
@@ -90,7 +90,8 @@ class SampleClock:
         """
         Advance to the stamp of a sample.
 
-        The first one after a clock that was set back continues `now`, `LEAST_PERIOD` later.
+        The first one of all, and after a clock that was set back, continues `now`, `LEAST_PERIOD`
+        later.
 
         Parameters
         ----------
@@ -104,8 +105,7 @@ class SampleClock:
 
         """
         if self._stamp is None:
-            if self._offset:
-                self._offset += round(LEAST_PERIOD * 1e9) - stamp
+            self._offset += round(LEAST_PERIOD * 1e9) - stamp
             self._stamp = stamp
             self.now = stamp + self._offset
             return Tick(0.0)

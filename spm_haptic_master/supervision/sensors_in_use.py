@@ -39,7 +39,7 @@ class Distrust:
     Attributes
     ----------
     word : str
-        What `state` says of it: missing or excluded.
+        Word of `state`: missing or excluded.
     time : float
         Time of agreement with the others after which it is used again, s.
     trial : Trial or None
@@ -284,7 +284,7 @@ class SensorsInUse:
         passed = []
         for left_out, trial in self._trials.items():
             for sensor in set(self.distrusted) - set(left_out):
-                if trial.passes(stamp, -1, self.distrusted[sensor].time):
+                if trial.has_agreed_for(stamp, self.distrusted[sensor].time):
                     passed.append((sensor, left_out))
         if len(passed) != 1:
             return False
@@ -327,7 +327,9 @@ class SensorsInUse:
             distrust = self.distrusted[sensor]
             trial = distrust.trial or self._trial_with(sensor, here)
             distrust.trial = trial
-            is_back = trial.passes(sample.stamp, -1, self._limits.window) or has_returned(sensor)
+            is_back = trial.has_agreed_for(sample.stamp, self._limits.window) or has_returned(
+                sensor
+            )
             trial.place = here
             agrees = trial.follow(sample, self._limits.joint_speed)
             if is_back and not agrees and not self.used.entries:
@@ -338,7 +340,7 @@ class SensorsInUse:
                 )
             if not agrees or not _is_checked(trial.sensor_set, sensor, sample, alert_limit):
                 distrust.trial = None
-            elif trial.passes(sample.stamp, -1, distrust.time):
+            elif trial.has_agreed_for(sample.stamp, distrust.time):
                 del self.distrusted[sensor]
         self._update()
         return symptom

@@ -131,7 +131,7 @@ class Solver:
 
     def fault(self, others: SampleEstimate, sensor: int, sample: Sample) -> ImpliedFault:
         """
-        Return what an orientation by the others says of a sensor; see `implied_fault`.
+        Return the fault of a sensor if an orientation by the others is right; see `implied_fault`.
 
         Parameters
         ----------

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which orientations may go out, and how wrong one faulty sensor could have made them.
+Which orientations are published, and how wrong one faulty sensor could have made them.
 
 `Supervisor.take` is the whole decision about one sample. A sample is *bad* if it contradicts its
 limits, the other sensors or the last orientation; it is *consistent* otherwise. A consistent
@@ -535,7 +535,7 @@ class Supervisor:
         return self._exposure.times(self._clock.now)
 
     def cautions(self) -> dict[str, str]:
-        """Return what an engineer should check although orientations go out, by kind, in words."""
+        """Return what an engineer should check although orientations are published, by kind."""
         return self.joints.cautions() | self._exposure.cautions(self._clock.now)
 
 

@@ -4,7 +4,7 @@
 """
 Sets of sensors on trial: since when each has agreed, and where the orientation is by it.
 
-Each trial stands for one hypothesis: what is left out of the set is wrong, all in it is right.
+Each trial tests one hypothesis: the sensors left out of the set are wrong, those in it are right.
 Then the set agrees in every sample, and its orientation turns no faster than a human. A set that
 fails starts again; a set of three does not, because it always agrees.
 """
@@ -122,14 +122,12 @@ class Trial:
         return is_within(estimate.quaternion, place.quaternion, turn)
 
     def passes(self, stamp: int, onset: int, time: float) -> bool:
-        """
-        Whether the set has agreed since before the fault began (`onset`, ns), or for a time (s).
+        """Whether the set has agreed since before a fault (`onset`, ns), or for a time, s."""
+        has_agreed_before = self._since is not None and self._since < onset
+        return has_agreed_before or self.has_agreed_for(stamp, time)
 
-        The time has `WINDOW_SAMPLES` samples at least.
-        """
-        since = self._since
-        if since is None:
+    def has_agreed_for(self, stamp: int, time: float) -> bool:
+        """Whether the set has agreed for a time, s, and in `WINDOW_SAMPLES`, at a stamp, ns."""
+        if self._since is None or self._samples < WINDOW_SAMPLES:
             return False
-        if since < onset:
-            return True
-        return self._samples >= WINDOW_SAMPLES and stamp - since >= round(time * 1e9)
+        return stamp - self._since >= round(time * 1e9)

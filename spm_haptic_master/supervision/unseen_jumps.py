@@ -39,14 +39,14 @@ class UnseenJumps:
         self._rivals = rivals
         # Stamp (ns) of the latest sample with all joints on their motion.
         self._undisturbed = 0
-        # By sensor, the least step (rad) that the parity did not show then.
-        self._unseen_steps: Mapping[int, float] = {}
         self.restart()
 
     def restart(self) -> None:
-        """Count every sensor as hidden: the exposure has restarted."""
-        # Sensors that the others could not check at that sample.
+        """Count every step of every sensor as unseen: the exposure has restarted."""
+        # Sensors that the others could not check at that sample; by sensor, the least step (rad)
+        # that the parity did not show then.
         self._hidden = self._exposure.hidden
+        self._unseen_steps: Mapping[int, float] = {}
 
     def note_undisturbed(self, stamp: int) -> None:
         """Note that all joints are on their motion, at a stamp, ns."""

@@ -34,7 +34,7 @@ class Motion(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What goes out with one orientation of the master."""
+    """The command that follows one orientation of the master."""
 
     pose: Pose
     motion: Motion

@@ -3,7 +3,7 @@
 
 """Recorded samples through the supervision, in Python: what goes in, and what comes out."""
 
-from device import encoders, joint_angles, motion, stamps
+from device import encoders, joint_angles, motion, offset, run, stamps
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SettingError
@@ -211,3 +211,14 @@ def test_stamps_and_angles_of_another_kind_are_an_error(times, angles, text):
     with pytest.raises(InputError, match=text) as caught:
         supervise(times, angles)
     assert '\n' not in str(caught.value)
+
+
+def test_it_does_not_matter_when_a_recording_begins():
+    """With times below 0 an excluded sensor was used again with the next sample that agreed."""
+    fault = {'sensors': 6, 'change': offset(200, 1, 2.0, 300), 'recovery': 0.1}
+    times = stamps(600)
+    usual = run('turning', seconds=0.6, times=times, **fault)
+    early = run('turning', seconds=0.6, times=times - 10**13, **fault)
+    assert 'degraded: joint_1b excluded' in usual.states
+    assert early.result.state == usual.result.state
+    np.testing.assert_array_equal(early.result.bounds, usual.result.bounds)
