@@ -21,6 +21,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+import tempfile
 import textwrap
 
 from benchmarks.pipeline.comparison import machine
@@ -29,8 +30,16 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'evidence.md'
 # What has been measured, by command.
 KEPT = ROOT / 'build' / 'evidence.json'
-# Lines of progress and of pytest that are no result.
-NO_RESULT = re.compile(r'^(round \d+ of|=+|_+|[.sx]+ +\[|-+ Captured|written: |skipped because)')
+# Lines of progress, of make and of pytest that are no result.
+NO_RESULT = re.compile(
+    r'^(round \d+ of|written: |skipped because|\(viser\)'  # progress
+    r'|calibrate: ( *\d+ %|\d+ sets read)'
+    r'|make\[\d+\]: |\.venv/bin/python '  # make, and what it runs
+    r'|=+ (?!\d+ \w+)|=+$|_+|-+ Captured|[.sx]+ +\[| +\[|test/\S+\.py( |$)'  # pytest
+    r'|(platform|rootdir|configfile|plugins|collected)\b)'
+)
+# A folder that a test has made for itself.
+TEMPORARY = re.compile(rf'{re.escape(tempfile.gettempdir())}/\S*/')
 BEGIN = (
     'What was measured, when, by which command, on which machine. `make evidence ARGS=--write` '
     'runs all of it and writes this page. Times are those of that machine. Further results are on '
@@ -131,7 +140,7 @@ SECTIONS = (
 
 def results(output: str) -> list[str]:
     """Return the lines of a command's output that are results."""
-    lines = [line.rstrip() for line in output.splitlines()]
+    lines = [TEMPORARY.sub('', line.rstrip()) for line in output.splitlines()]
     return [line for line in lines if line and not NO_RESULT.match(line)]
 
 

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 
 from benchmarks import evidence
 from benchmarks.evidence import Measurer, Section, SECTIONS
@@ -34,6 +35,26 @@ def test_a_section_has_its_commands_results_day_and_machine(monkeypatch, tmp_pat
         f'`make bench`, {day}, 2 x Xeon, Linux 6.18:\n\n'
         '```\nsample  712 math.sin\n```\n'
     )
+
+
+@pytest.mark.parametrize(
+    ('printed', 'result'),
+    [
+        pytest.param("make[1]: Entering directory '/home/user/checkout'", [], id='make'),
+        pytest.param('.venv/bin/python -m benchmarks.soak', [], id='command'),
+        pytest.param('rootdir: /home/user/checkout', [], id='pytest'),
+        pytest.param('test/force/test_energy.py ...      [  8%]', [], id='progress'),
+        pytest.param('== test session starts ==', [], id='heading'),
+        pytest.param('== 174 passed in 926.33s ==', ['== 174 passed in 926.33s =='], id='sum'),
+        pytest.param(
+            f'{tempfile.gettempdir()}/pytest-of-user/book0/calibration.yaml: written',
+            ['calibration.yaml: written'],
+            id='temporary file',
+        ),
+    ],
+)
+def test_a_result_names_no_folder_of_the_machine(printed, result):
+    assert evidence.results(printed) == result
 
 
 def test_a_measurement_that_was_interrupted_goes_on_where_it_ended(tmp_path):
