@@ -123,7 +123,8 @@ class Folds:
             bend = slope * self._curvatures[sensor]
             distance = 1.0 / bend if bend else inf
             self.distances[sensor] = distance
-            self.nearest = min(self.nearest, distance)
+            if distance < self.nearest:
+                self.nearest = distance
             share = 4.0 * bend * linear
             if share >= 1.0:
                 parts[sensor] = inf

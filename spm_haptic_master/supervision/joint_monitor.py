@@ -338,8 +338,9 @@ class JointMonitor:
         difference = innovation - self._last_innovation
         square = difference * difference
         mean = self._mean_square
-        # One step is not noise.
-        square = min(square, OUTLIER * mean)
+        if square > OUTLIER * mean:
+            # One step is not noise.
+            square = OUTLIER * mean
         if square == square:
             if self._learnt < NOISE_SAMPLES:
                 self._learnt += 1.0

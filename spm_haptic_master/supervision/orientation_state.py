@@ -102,8 +102,10 @@ class StateMachine:
     def publish(self, stamp: int, reservations: str) -> None:
         """Note an orientation, published at a stamp, ns; its reservations are in words."""
         self.published = stamp
-        degraded = OrientationState(Condition.DEGRADED, reservations)
-        self._announce(degraded if reservations else HEALTHY)
+        if reservations:
+            self._announce(OrientationState(Condition.DEGRADED, reservations))
+        elif self.announced is not HEALTHY:
+            self._announce(HEALTHY)
 
     def withhold(self, now: int, fault: str, cause: Symptom) -> None:
         """Note a sample that is withheld at a time, ns, for a fault (its words) or a cause."""

@@ -170,7 +170,8 @@ class Supervisor:
         if cause is not None:
             return self._bad(sample, [cause])
         symptoms += self._contradictions(sample)
-        symptoms += self._staying(jumps_in_gap)
+        if jumps_in_gap:
+            symptoms += self._staying(jumps_in_gap)
         if is_away:
             # What the parity sees is bad anyway: the jump gives it its name.
             symptoms += self._jumps(is_gap, any_step=is_gap or bool(symptoms))
