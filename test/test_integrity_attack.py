@@ -103,15 +103,15 @@ def test_a_declared_sensor_is_held_to_its_bound(monkeypatch):
 
 
 def supervised(case, state, published=True, unchecked=0.0, level=0.1):
-    """Return a made-up result of four sensors: each sample at rest, at the base frame."""
-    n = len(case.stamps)
+    """Return a made-up result: each sample at rest, at the base frame."""
+    n, sensors = case.readings.shape
     return Supervised(
         published=np.full(n, published),
         quaternion=np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
         covariance=np.zeros((n, 3, 3)),
         protection_level=np.full(n, level),
-        unchecked=np.full((n, 4), unchecked),
-        bounds=np.full((n, 4), np.inf),
+        unchecked=np.full((n, sensors), unchecked),
+        bounds=np.full((n, sensors), np.inf),
         state=[(0, state)],
     )
 
@@ -126,13 +126,24 @@ def supervised(case, state, published=True, unchecked=0.0, level=0.1):
     ],
 )
 def test_a_first_fault_may_cost_no_protection_against_the_second(monkeypatch, alone, is_violation):
-    case = first_case('glitch of one, drift of another')
-    turn = workspace_pose(0.0, 0.0, np.radians(1.0))
-    case.rotations[:] = turn @ workspace_pose(0.0, 0.0, 0.0).T
+    found = score_of_two_faults(monkeypatch, alone, seed=2, sensors=4)
+    assert (found.level > 1.0) is is_violation
+
+
+def test_four_of_five_go_on_by_what_they_check_themselves(monkeypatch):
+    found = score_of_two_faults(monkeypatch, {'published': False}, seed=1, sensors=5)
+    assert found.level == 0.0
+
+
+def score_of_two_faults(monkeypatch, alone, seed, sensors):
+    """Return the score of 1 deg off, unchecked, a sensor left out; `alone` without the first."""
+    case = first_case('glitch of one, drift of another', seed)
+    assert case.readings.shape[1] == sensors
+    case.rotations[:] = workspace_pose(0.0, 0.0, np.radians(1.0)) @ workspace_pose(0.0, 0.0, 0.0).T
     with_both = supervised(case, 'degraded: joint_1a excluded', unchecked=1.0)
     results = iter([with_both, supervised(case, 'healthy', **alone)])
     monkeypatch.setattr(integrity_attack, 'supervise', lambda *args, **parameters: next(results))
-    assert (score(case).level > 1.0) is is_violation
+    return score(case)
 
 
 @pytest.mark.slow

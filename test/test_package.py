@@ -91,13 +91,19 @@ def test_package_xml_is_valid(package):
 def test_package_xml_names_what_code_and_tests_import(package):
     named = {dependency.name for dependency in package.exec_depends}
     assert named == imported(PACKAGE, 'launch') | INDIRECT
-    local = {path.stem for path in (ROOT / 'test').rglob('*.py')} | {
-        'paper',
-        'study',
-        'benchmarks',
-        'docs',
-        'release',
-    }
+    modules = list((ROOT / 'test').rglob('*.py'))
+    packages = {path.parent.name for path in modules if path.name == '__init__.py'}
+    local = (
+        packages
+        | {path.stem for path in modules}
+        | {
+            'paper',
+            'study',
+            'benchmarks',
+            'docs',
+            'release',
+        }
+    )
     named |= {dependency.name for dependency in package.test_depends}
     assert imported('test') - local <= named
 
