@@ -265,3 +265,13 @@ def test_a_slave_that_slides_is_not_at_rest():
 def test_settings_that_contradict_are_refused(name, value):
     with pytest.raises(SettingError, match=f'teleop.{name}'):
         Rig(**{name: value})
+
+
+def test_the_depth_is_known_only_with_a_trocar_and_the_slaves_pose():
+    rig = pivoting()
+    assert rig.machine.depth is None
+    rig.run(20)
+    assert rig.machine.depth == pytest.approx(0.1)
+    without_trocar = Rig()
+    without_trocar.run(20)
+    assert without_trocar.machine.depth is None
