@@ -335,7 +335,7 @@ class Supervisor:
         Three always agree: they may go on only if no other sensor can have been wrong before,
         unseen.
         """
-        if self._sensors.used.entries < 2 and not self._sensors.are_all_tested:
+        if not self._sensors.are_all_tested:
             return False
         return sensor in self._sensors.passing(sample.stamp, self.latch.onset)
 

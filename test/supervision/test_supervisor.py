@@ -3,13 +3,14 @@
 
 """Faults of one of four sensors: when they are detected, and what was published before."""
 
-from device import encoders, motion, noisy, offset, Outcome, ramp, run, stuck
+from device import encoders, joint_angles, motion, noisy, offset, Outcome, ramp, run, stamps, stuck
 import numpy as np
 import pytest
 from rig import few
 from spm_haptic_master.kinematics import inverse
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
+from spm_haptic_master.supervision import supervise
 
 SENSORS = (0, 3, 1, 2)
 PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']
@@ -203,3 +204,12 @@ def test_a_value_stuck_before_its_noise_is_known_is_detected_by_the_others(senso
     assert outcome.longest_undeclared(sensor) <= 0.02
     # And wrong by less than the alert limit until then.
     assert np.nanmax(outcome.error[1000:]) < 0.5
+
+
+def test_four_go_on_without_a_fifth_although_not_each_of_them_was_checked():
+    """Four check each other, unlike three; at this alert limit none of five counts as checked."""
+    angles = encoders(joint_angles(motion('rest', 1.2), 5), 0.04, 14, seed=1)
+    angles[1000:, 1] += np.radians(5.0)
+    result = supervise(stamps(len(angles)), angles, alert_limit_deg=0.3, degraded='allow')
+    assert np.isinf(result.unchecked[999]).all()
+    assert result.state[-1] == (1002, 'degraded: joint_1b excluded')
