@@ -130,6 +130,14 @@ def test_stamps_that_go_back_are_refused_and_a_jump_forward_is_none():
     assert len(motion_readings(ahead, read).seconds) == N // 2
 
 
+def test_sets_without_a_period_are_refused():
+    read, _ = motion()
+    steps = np.array([1_000_000, 50_000_000, 7_000_000_000])
+    irregular = STAMPS[0] + np.cumsum(np.resize(steps, len(STAMPS)))
+    with pytest.raises(CalibrationError, match='do not come at a regular interval'):
+        motion_readings(irregular, read)
+
+
 def test_readings_of_a_hand_with_outliers_rest_and_a_gap_are_made_ready():
     """The same hand without outliers and noise is the truth."""
     built = random_rig(3, DEVIATIONS)
