@@ -30,6 +30,7 @@ from benchmarks.attack_scene import Case, Choices, Impossible
 from benchmarks.integrity_records import Runner, Store
 import numpy as np
 from paper.verdicts import COLUMN
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.supervision import supervise, Supervised
 
 Array = Any
@@ -127,15 +128,17 @@ def promised(case: Case, result: Supervised) -> tuple[Array, Array]:
     if not case.faulty:
         return level, np.zeros(len(case.stamps), bool)
     unchecked = ~checked_samples(case, result)
-    degraded = degraded_samples(result.state, len(case.stamps))
+    left_out = degraded_samples(result.state, len(case.stamps))
     if case.without_first is None:
-        return level, unchecked & ~degraded
-    if case.readings.shape[1] > 4:
+        return level, unchecked & ~left_out
+    leaves_three = case.readings.shape[1] == len(JOINT_NAMES)
+    if not leaves_three:
         return level, unchecked
     alone = supervise(case.stamps, case.without_first, **case.settings)
-    both = degraded & alone.published
-    level = np.where(both, np.fmax(level, alone.protection_level), level)
-    return level, unchecked & (~degraded | (both & ~checked_samples(case, alone)))
+    as_alone = left_out & alone.published
+    level = np.where(as_alone, np.fmax(level, alone.protection_level), level)
+    is_unchecked_alone = as_alone & ~checked_samples(case, alone)
+    return level, unchecked & (~left_out | is_unchecked_alone)
 
 
 def score(case: Case) -> Score:
