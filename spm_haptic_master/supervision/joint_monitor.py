@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One joint by itself: its motion, readings that leave it, repeated readings, and its noise.
+One joint by itself: its motion, and readings that leave it.
 
 A joint is *on its motion* while its readings continue position and velocity as far as human
 acceleration and noise allow. A reading that does not *leaves* it; the joint then either *returns*
@@ -13,16 +13,16 @@ evidence only: `joint_monitors` compares the joints, because an impact moves eve
 from __future__ import annotations
 
 from enum import IntEnum
-from math import hypot, nan, pi, remainder, sqrt
+from math import nan, pi, remainder, sqrt
 from typing import NamedTuple
+
+from spm_haptic_master.supervision.joint_readings import JointReadings
 
 # Alpha-beta filter of a joint, for a sensor of unit variance and a period of 1. The variances are
 # those of the steady state (Kalata 1984), the gains (unit 1) have the least transient for alpha
 # (Benedict and Bordner 1962). 500 rad/s^2 lag it by 0.08 deg at 1 kHz, by 1.2 deg at 250 Hz.
 ALPHA = 0.7
 BETA = ALPHA * ALPHA / (2.0 - ALPHA)
-# Deviation of the difference between two innovations in a row, which motion hardly changes.
-DIFFERENCE = 2.4623
 _DENOMINATOR = ALPHA * (4.0 - 2.0 * ALPHA - BETA)
 # Variance of the filtered position, of the velocity, and their covariance.
 _POSITION = (2.0 * ALPHA * ALPHA + BETA * (2.0 - 3.0 * ALPHA)) / _DENOMINATOR
@@ -31,10 +31,6 @@ _COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _DENOMINATOR
 
 # Longest time (s) for which a slow encoder repeats a reading: it has a new one at 100 Hz or more.
 REPEAT_TIME = 0.01
-# Share of repeated readings of a moving joint above which its encoder is slower than the bus, and
-# the samples over which that share is averaged.
-SLOW_SHARE = 0.4
-SHARE_SAMPLES = 8.0
 LATE_PERIODS = 1.5  # without a reading, after which it comes late
 FORGET_PERIODS = 5.0  # without a reading, after which the velocity is set anew
 AWAY_SAMPLES = 3  # after which a joint that left its motion is followed from where it is
@@ -43,23 +39,8 @@ STEP_SAMPLES = 6
 RETURN_TIME = 0.05  # s, in which a joint that left its motion can be found back on it
 # Part of a jump's limit within which a reading is back on the motion.
 RETURN_FRACTION = 0.5
-# Standard deviations of the noise, or else one count, that a slow joint moves in a sample at most:
-# its noise can be measured, and equal readings do not show the rate of its encoder.
-SLOW_DEVIATIONS = 2.0
-# Samples over which the noise is averaged, to 6 %; and how many readings the configured noise
-# counts for at the start.
-NOISE_SAMPLES = 256.0
-LEARNT_SAMPLES = 64.0
-OUTLIER = 16.0  # largest square of a difference, over the mean square, that the noise counts
-# Ratio of noise to resolution above which equal readings are rare at every angle: two in a row
-# have a probability of 0.26 at most, 20 of 2e-12. And reversals of the reading (up, then down)
-# after which it is known that the changes are noise: a motion has few.
-NOISY = 1.5
-REVERSALS = 500
 ROOT_TWO = sqrt(2.0)
-ROOT_TWELVE = sqrt(12.0)
 TURN = 2.0 * pi
-COARSEST = TURN / 4096.0  # rad, resolution before a finer one is seen: of 12 bits
 
 
 def deviation(periods: float) -> float:
@@ -70,6 +51,10 @@ def deviation(periods: float) -> float:
     the filtered position and velocity in the steady state (Kalata 1984), extrapolated.
     """
     return sqrt(1.0 + _POSITION + periods * (periods * _VELOCITY + 2.0 * _COVARIANCE))
+
+
+# The same after one period.
+ONE_PERIOD = deviation(1.0)
 
 
 def lag(periods: float) -> float:
@@ -130,17 +115,15 @@ class JointMonitor:
 
     Attributes
     ----------
+    readings : JointReadings
+        What the readings show by themselves.
     velocity : float
         The filtered one, rad/s.
     reading_age : float
         Time from the reading that the filter used last to this sample, s; 0 if it used this one.
-    repeats : int
-        Number of equal readings before the latest one.
     innovation : float
         Size of the latest reading minus its prediction, in standard deviations of a healthy
         innovation.
-    expected : float
-        Standard deviation of a healthy reading by noise and resolution, rad.
     distance : float
         Distance of the latest reading from the motion that the joint left, rad, while it is away.
     away : int
@@ -161,24 +144,10 @@ class JointMonitor:
         acceleration: float,
         speed: float,
     ) -> None:
-        self._sigma = sigma
+        self.readings = JointReadings(sigma)
         self._threshold = threshold
         self._acceleration = acceleration
         self._speed = speed
-        # Mean square of the difference between two innovations in a row, rad^2, and how many
-        # differences it averages.
-        self._mean_square = (DIFFERENCE * sigma) ** 2
-        self._learnt = LEARNT_SAMPLES
-        # Smallest change between two readings, rad.
-        self._resolution = COARSEST
-        # Share of readings that repeat the last one while the joint moves (unit 1).
-        self._repeat_share = 0.0
-        # Changes of the reading against the one before, `REVERSALS` at most, and the latest change
-        # (rad).
-        self._reversals = 0
-        self._last_change = 0.0
-        self._last_reading = nan
-        self.repeats = 0
         self.departures = self.returned = 0
         self.allow(sigma)
         self.reset_motion()
@@ -197,27 +166,9 @@ class JointMonitor:
 
     def allow(self, sigma: float) -> None:
         """Let the limits allow for a standard deviation, rad, as configured or measured."""
-        self._allowed = sigma
+        self.readings.allow(sigma)
         # Limit of an innovation by noise alone, rad.
-        self._noise_limit = self._threshold * deviation(1.0) * sigma
-        self._slow_step = max(self._resolution, SLOW_DEVIATIONS * sigma)
-        self.expected = hypot(self._sigma, self._resolution / ROOT_TWELVE)
-        # Standard deviation of a healthy innovation after one period, rad.
-        self._scale = deviation(1.0) * self.expected
-
-    @property
-    def noise(self) -> float:
-        """Return the standard deviation of the sensor as measured, rad."""
-        return sqrt(self._mean_square) / DIFFERENCE
-
-    @property
-    def repeats_are_rare(self) -> bool:
-        """Whether neither healthy noise nor a slow encoder explains equal readings in a row."""
-        return (
-            self._reversals >= REVERSALS
-            and self._repeat_share <= SLOW_SHARE
-            and self.noise > NOISY * self._resolution
-        )
+        self._noise_limit = self._threshold * ONE_PERIOD * sigma
 
     def limit(self, dt: float, period: float) -> float:
         """
@@ -227,7 +178,7 @@ class JointMonitor:
         limit, so that no human motion leaves the motion of the joint.
         """
         periods = dt / period if dt > period else 1.0
-        noise = self._threshold * deviation(periods) * self._allowed
+        noise = self._threshold * deviation(periods) * self.readings.allowed
         human = self._acceleration * period * period * lag(periods)
         return noise + human
 
@@ -253,22 +204,21 @@ class JointMonitor:
             How much earlier or later than its stamp the reading may be sampled, s.
 
         """
-        last = self._last_reading
-        self._last_reading = reading
-        change = reading - last
-        self._note_change(change)
-        if self._left is not None and self._follow_away(self._left, reading, last, dt, period):
+        readings = self.readings
+        change = readings.add(reading)
+        if self._left is not None and self._follow_away(self._left, reading, change, dt, period):
             return
         is_repeated = change == 0.0
         if self._known < 2:
-            if not (is_repeated and self._repeat_share > SLOW_SHARE):
+            if not (is_repeated and readings.is_slower_than_bus):
                 self._begin(reading, max(dt, period))
             return
-        is_slow = -self._slow_step < self.velocity * period < self._slow_step
+        moved = self.velocity * period
+        is_slow = -readings.slow_step < moved < readings.slow_step
         if not is_slow:
-            self._repeat_share += (is_repeated - self._repeat_share) / SHARE_SAMPLES
+            readings.note_moving(is_repeated)
         elapsed = self.reading_age + dt
-        if self._repeat_share > SLOW_SHARE:
+        if readings.is_slower_than_bus:
             if elapsed < REPEAT_TIME:
                 period = max(period, elapsed)
             if is_repeated:
@@ -290,9 +240,9 @@ class JointMonitor:
         self.reading_age = 0.0
         innovation = remainder(reading - self._angle - self.velocity * elapsed, TURN)
         if abs(innovation) <= self._noise_limit and elapsed <= LATE_PERIODS * period:
-            self.innovation = abs(innovation) / self._scale
+            self.innovation = abs(innovation) / (ONE_PERIOD * self.readings.expected)
             if is_slow:
-                self._follow_noise(innovation)
+                self.readings.note_noise(innovation - self._last_innovation)
             self._last_innovation = innovation
         else:
             self._last_innovation = nan
@@ -311,19 +261,6 @@ class JointMonitor:
         self._angle += self.velocity * elapsed + ALPHA * innovation
         self.velocity += BETA * innovation / max(elapsed, period)
 
-    def _note_change(self, change: float) -> None:
-        """Note the change of the reading, rad: repeats, reversals, the resolution."""
-        if change == 0.0:
-            self.repeats += 1
-            return
-        self.repeats = 0
-        if self._reversals < REVERSALS:
-            self._reversals += change * self._last_change < 0.0
-            self._last_change = change
-        if -self._resolution < change < self._resolution:
-            self._resolution = abs(change)
-            self.allow(self._allowed)
-
     def _hold(self, reading: float, elapsed: float) -> None:
         """Note a repeated reading: a slow encoder has no new one yet, or the joint has stopped."""
         if elapsed <= REPEAT_TIME:
@@ -332,19 +269,6 @@ class JointMonitor:
             self._angle = reading
             self.velocity = 0.0
             self.reading_age = 0.0
-
-    def _follow_noise(self, innovation: float) -> None:
-        """Average the square of the difference between two innovations of a slow joint."""
-        difference = innovation - self._last_innovation
-        square = difference * difference
-        mean = self._mean_square
-        if square > OUTLIER * mean:
-            # One step is not noise.
-            square = OUTLIER * mean
-        if square == square:
-            if self._learnt < NOISE_SAMPLES:
-                self._learnt += 1.0
-            self._mean_square = mean + (square - mean) / self._learnt
 
     def _note_large(
         self,
@@ -363,7 +287,8 @@ class JointMonitor:
             size = outside(moved, self.velocity * elapsed)
         periods = max(elapsed / period, 1.0)
         self.distance = size
-        self.innovation = size * deviation(1.0) / (self._scale * deviation(periods))
+        scale = ONE_PERIOD * self.readings.expected
+        self.innovation = size * ONE_PERIOD / (scale * deviation(periods))
         return size > limit
 
     def _leave_motion(self, reading: float, step: float, elapsed: float) -> None:
@@ -403,19 +328,19 @@ class JointMonitor:
         self,
         left: LeftMotion,
         reading: float,
-        last: float,
+        change: float,
         dt: float,
         period: float,
     ) -> bool:
         """Compare a reading with the motion that the joint left; return whether that is all."""
         elapsed = left.elapsed + dt
         self.distance = abs(remainder(reading - left.angle - left.velocity * elapsed, TURN))
-        self.innovation = self.distance / self._scale
+        self.innovation = self.distance / (ONE_PERIOD * self.readings.expected)
         # It jumped, and jumped back: a joint that drifts across its old motion has not returned.
-        change = abs(remainder(reading - last, TURN))
+        turned = abs(remainder(change, TURN))
         jump = RETURN_FRACTION * self.limit(period, period) + abs(left.velocity) * dt
         is_near = self.distance <= RETURN_FRACTION * self.limit(elapsed, period)
-        if elapsed <= RETURN_TIME and is_near and change > jump:
+        if elapsed <= RETURN_TIME and is_near and turned > jump:
             self._return_to(reading, left.velocity)
             return True
         self.away += 1
@@ -445,7 +370,7 @@ class JointMonitor:
         first = self._departure
         elapsed -= first.elapsed
         change = remainder(reading - first.reading - velocity * elapsed, TURN)
-        noise = self._threshold * ROOT_TWO * self._allowed
+        noise = self._threshold * ROOT_TWO * self.readings.allowed
         human = 0.5 * self._acceleration * elapsed * elapsed
         if change * first.step > 0.0 and abs(change) > noise + human:
             self.step = Step.NONE

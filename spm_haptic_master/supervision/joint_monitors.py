@@ -125,8 +125,9 @@ class JointMonitors:
                 continue
             if joint.away:
                 is_away = True
-            if joint.repeats >= self._frozen_run and joint.repeats_are_rare:
-                symptoms.append(_frozen(sensor, joint.repeats + 1))
+            readings = joint.readings
+            if readings.repeats >= self._frozen_run and readings.repeats_are_rare:
+                symptoms.append(_frozen(sensor, readings.repeats + 1))
             if not low <= reading <= high:
                 symptoms.append(_out_of_range(sensor, reading))
         self._allow_for_delay()
@@ -235,21 +236,21 @@ class JointMonitors:
 
         """
         self._vibrates = any(
-            joint.noise > NOISE_FACTOR * joint.expected and bound <= NOISE_FACTOR
+            joint.readings.noise > NOISE_FACTOR * joint.readings.expected and bound <= NOISE_FACTOR
             for joint, bound in zip(self._joints, bounds, strict=True)
         )
         factors = []
         for joint, sigma, bound in zip(self._joints, self._sigma, bounds, strict=True):
             if bound == inf and self._vibrates:
                 bound = 1.0
-            factor = min(joint.noise / sigma, bound)
+            factor = min(joint.readings.noise / sigma, bound)
             factors.append(factor if factor > NOISE_FACTOR else 1.0)
             joint.allow(factors[-1] * sigma)
         self.factors = tuple(factors)
 
     def noise(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""
-        return tuple(joint.noise for joint in self._joints)
+        return tuple(joint.readings.noise for joint in self._joints)
 
     def cautions(self) -> dict[str, str]:
         """Return which sensors have more noise than configured, by kind, in words."""

@@ -104,7 +104,7 @@ def test_the_lag_is_what_an_acceleration_moves_a_joint_off_its_prediction(period
     counts = np.diff(index, prepend=-1)
     for angle, count in zip(angles, counts, strict=True):
         monitor.follow(angle, count * DT, DT, 0.0)
-    moved = monitor.innovation * deviation(max(periods, 1)) * monitor.expected
+    moved = monitor.innovation * deviation(max(periods, 1)) * monitor.readings.expected
     assert moved == pytest.approx(1e-4 * lag(periods), rel=1e-3)
 
 
@@ -222,7 +222,7 @@ def test_the_noise_is_measured_at_rest_and_in_a_slow_motion(noise, speed):
     measured = []
     for reading in encoder(speed * times(6000), noise, bits=17):
         monitor.follow(reading, DT, DT, 0.0)
-        measured.append(monitor.noise)
+        measured.append(monitor.readings.noise)
     later = measured[2000:]
     assert np.mean(later) == pytest.approx(radians(noise), rel=0.04)
     assert np.std(later) < 0.1 * radians(noise)
@@ -234,11 +234,11 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
     # At the angle that is farthest from its neighbours.
     for reading in encoder(0.0 * times(10_000)):
         monitor.follow(reading, DT, DT, 0.0)
-        assert monitor.repeats < 20
-    assert monitor.repeats_are_rare
+        assert monitor.readings.repeats < 20
+    assert monitor.readings.repeats_are_rare
     follow(monitor, [reading + radians(0.1)] * 31)
-    assert monitor.repeats == 30
-    assert monitor.repeats_are_rare
+    assert monitor.readings.repeats == 30
+    assert monitor.readings.repeats_are_rare
 
 
 AT_REST = np.zeros(3000)
@@ -258,7 +258,7 @@ AT_REST = np.zeros(3000)
 def test_equal_readings_of_a_quiet_or_slow_encoder_mean_nothing(readings):
     monitor = joint()
     follow(monitor, readings)
-    assert not monitor.repeats_are_rare
+    assert not monitor.readings.repeats_are_rare
 
 
 @pytest.mark.parametrize(('jitter', 'away'), [(0.0, True), (0.001, False)])
