@@ -12,6 +12,7 @@ counts per turn are known, so that the angle between both ends is a check of the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import copysign, remainder
 from typing import Any
 
 import numpy as np
@@ -134,10 +135,7 @@ def calibrate_axis(
         _check_angle(abs(counts_between) / counts_per_unit, ends, motion.ring)
     else:
         counts_per_unit = abs(counts_between) / abs(ends[1] - ends[0])
-    if (counts_between > 0.0) == (ends[1] > ends[0]):
-        direction = 1
-    else:
-        direction = -1
+    direction = _direction(counts_between, ends)
     zero_count = round(second - direction * counts_per_unit * ends[1]) % motion.ring
     # The angle of the gripper between both ends is the measured one, counted from the second.
     position_at_first = ends[1] - direction * counts_between / counts_per_unit
@@ -149,6 +147,11 @@ def calibrate_axis(
         counts_per_unit=round(counts_per_unit, 6),
         range=(round(least, 6), round(greatest, 6)),
     )
+
+
+def _direction(counts_between: float, ends: tuple[float, float]) -> int:
+    """Return 1 where the counts increase with the position, -1 where they decrease."""
+    return int(copysign(1.0, counts_between * (ends[1] - ends[0])))
 
 
 def resting_counts(motion: AxisMotion) -> tuple[float, float]:
@@ -285,8 +288,7 @@ def change_since(
 
     """
     first, second = resting_counts(motion)
-    upward = (second > first) == (ends[1] > ends[0])
-    if before.direction != (1 if upward else -1):
+    if before.direction != _direction(second - first, ends):
         return f'{motion.axis} counts in the opposite direction'
     unit = 'm' if motion.axis == INSERTION else 'deg'
     tolerance = END_TOLERANCE * (before.range[1] - before.range[0])
@@ -320,4 +322,4 @@ def _position(
 ) -> float:
     """Return the position of counts, m or deg, as the driver has it."""
     turned = calibration.direction * (counts - calibration.zero_count)
-    return ((turned + ring / 2) % ring - ring / 2) / calibration.counts_per_unit
+    return remainder(turned, ring) / calibration.counts_per_unit

@@ -4,7 +4,8 @@
 """The calibration of insertion and gripper in a parameter file, read and extended."""
 
 import pytest
-from spm_haptic_master.calibration.axis_file import extended_text, read_axis
+from spm_haptic_master.calibration.axis_file import axis_parameters, extended_text, read_axis
+from spm_haptic_master.exceptions import InputError
 
 GRIPPER = {
     'gripper.zero_count': 1200,
@@ -45,3 +46,25 @@ def test_the_comment_of_another_axis_stays_and_its_own_is_replaced(file):
         'insertion: 2026-11-27',
         'gripper: 2026-11-28',
     ]
+
+
+def test_the_parameters_of_one_axis_or_of_both_are_those_for_all_nodes(file, tmp_path):
+    assert axis_parameters(file) == {**GRIPPER, **INSERTION}
+    assert axis_parameters(file, 'gripper') == GRIPPER
+    text = file.read_text()
+    file.write_text(text + 'driver:\n  ros__parameters:\n    gripper.zero_count: 7\n')
+    assert axis_parameters(file, 'gripper') == GRIPPER
+    assert axis_parameters(tmp_path / 'none.yaml') == {}
+
+
+@pytest.mark.parametrize('parameters', [GRIPPER, INSERTION])
+def test_a_file_without_a_parameter_of_the_axis_is_refused_with_its_name(tmp_path, parameters):
+    path = tmp_path / 'calibration.yaml'
+    for name in parameters:
+        axis = name.split('.')[0]
+        rest = {other: value for other, value in parameters.items() if other != name}
+        path.write_text(extended_text(path, 'part:', '2026-11-27', rest))
+        expected = f'no {name}; expected what calibrate --{axis} wrote$'
+        with pytest.raises(InputError, match=expected):
+            read_axis(path, axis, counts_per_turn=36_000)
+        path.unlink()
