@@ -70,9 +70,9 @@ class Drive:
     absent : str or None
         Why the start-up waits for the drive; None if it does not.
     emergency : str or None
-        Latest EMCY in words, until `restart`.
+        Latest EMCY in words, until `clear`.
     booted : bool
-        Whether it has booted since `restart`: its settings may be lost.
+        Whether it has booted since it was read back: its settings may be lost.
     handlers : dict of int to (int, callable)
         Data length and handler of each of its frames, by identifier.
 
@@ -117,11 +117,10 @@ class Drive:
             canopen.SDO_ANSWER_BASE + own.node_id: (canopen.SDO_LENGTH, self._on_answer),
         }
 
-    def restart(self) -> None:
-        """Forget what an acknowledgement clears; from now on a heartbeat is due."""
+    def clear(self) -> None:
+        """Forget what an acknowledgement or the proof ends; from now on a heartbeat is due."""
         self._heartbeat_at = self.now
         self.emergency = self.absent = self._wanted_since = None
-        self.booted = False
         self._off_time = 0.0
 
     def command(self, torque: int) -> None:
@@ -288,6 +287,7 @@ class Drive:
             except SetupError as error:
                 self.absent = str(error)
         self.absent = None
+        self.booted = False
         if profile is None or profile & 0xFFFF != canopen.DRIVE_PROFILE:
             shown = 'none' if profile is None else f'0x{profile:08X}'
             raise SetupError(

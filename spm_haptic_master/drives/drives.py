@@ -158,12 +158,20 @@ class Drives:
         if self._start_up is not None and self._starts(self._start_up):
             return self._report(False)
         self._look_for_faults(torques)
+        is_ready = self._command(torques)
+        return self._report(is_ready)
+
+    def _command(self, torques: tuple[float, ...] | None) -> bool:
+        """Send the torques of this sample, or none; return whether all drives make them."""
         operate = torques is not None and self._fault is None
-        ready = operate and self._are_enabled()
+        is_ready = operate and self._are_enabled()
         if self._known:
-            self._send_torques(operate, torques if ready else None)
-        # A frame may have been refused.
-        return self._report(ready and self._fault is None)
+            self._send_torques(operate, torques if is_ready else None)
+        if is_ready and self._fault is not None:
+            # A frame was refused: the torque of the other drives ends with it.
+            self._send_torques(False, None)
+            return False
+        return is_ready
 
     def _set_time(self, now: float) -> None:
         """Give all drives the time of this sample, s."""
@@ -194,15 +202,18 @@ class Drives:
         self._fault, self._start_up = None, self._start()
         self._known = self._sends = False
         for drive in self._drives:
-            drive.restart()
+            drive.clear()
 
     def close(self) -> None:
-        """Send zero torque, then disable voltage, and close the bus."""
+        """Send zero torque, then disable voltage, and close the bus for good."""
         if self._known:
-            for operate in (True, False):
+            is_operating = self._fault is None and self._are_enabled()
+            for operate in (is_operating, False):
                 self._send_torques(operate, None)
         if self._bus is not None:
             self._close_bus(self._bus)
+        self._retry_at = inf
+        self._missing = f'{self._name}: closed'
 
     def _starts(self, start_up: Steps) -> bool:
         """
@@ -307,7 +318,7 @@ class Drives:
         Raises
         ------
         SetupError
-            A drive stays enabled or leaves too late, boots meanwhile, or does not answer.
+            A drive stays enabled or leaves too late, has booted, or does not answer.
 
         """
         plan = self.plan
@@ -319,12 +330,7 @@ class Drives:
             yield from self._reach(State.ENABLED)
             self._sends = False
             times = yield from self._fall_out_times(limit + WATCHED)
-            for drive in self._drives:
-                if drive.booted:
-                    raise SetupError(
-                        f'{drive.own.name} booted during the check; expected it '
-                        'to leave Operation enabled by itself'
-                    )
+            self._refuse_booted()
             drive, longest = max(times.items(), key=lambda item: item[1])
             if longest <= limit:
                 return
@@ -378,7 +384,7 @@ class Drives:
         Raises
         ------
         SetupError
-            A drive is late, or deviates from its command.
+            A drive is late, has booted, or deviates from its command.
 
         """
         if not self._sends:
@@ -388,6 +394,7 @@ class Drives:
         self._sends = True
         self._operate = state is State.ENABLED
         while True:
+            self._refuse_booted()
             waiting = self._waiting(asked, state)
             if waiting and self._now - asked > ENABLE_TIMEOUT:
                 raise SetupError(self._late(waiting[0], asked, state))
@@ -398,7 +405,7 @@ class Drives:
             yield
         # What the pause has caused is over.
         for drive in self._drives:
-            drive.restart()
+            drive.clear()
 
     def _waiting(self, asked: float, state: State) -> list[Drive]:
         """Return the drives that have not reported a state since a time, s."""
@@ -422,6 +429,14 @@ class Drives:
             f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its start{cause}; expected '
             f'{state.value}'
         )
+
+    def _refuse_booted(self) -> None:
+        """Raise SetupError for a drive that has booted since it was read back."""
+        for drive in self._drives:
+            if drive.booted:
+                raise SetupError(
+                    f'{drive.own.name} booted during the start-up: its settings are lost'
+                )
 
     def _refuse_deviations(self) -> None:
         """Raise SetupError for another mode or torque on the way to Operation enabled."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 import json
+from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -227,13 +228,28 @@ def read_check(path: Path) -> PassedCheck:
 
 
 def _drive_from(content: dict[str, Any]) -> CheckedDrive:
-    """Return one drive of the file's content; KeyError or TypeError for other keys."""
-    identity = content['identity']
-    return CheckedDrive(**{**content, 'identity': Identity(**identity)})
+    """Return one drive of the file's content; KeyError, TypeError or ValueError for another."""
+    return CheckedDrive(
+        joint=str(content['joint']),
+        node_id=int(content['node_id']),
+        identity=_identity_from(content['identity']),
+        direction=int(content['direction']),
+        gear=float(content['gear']),
+        rated_torque=float(content['rated_torque']),
+    )
+
+
+def _identity_from(content: dict[str, Any]) -> Identity:
+    """Return the identity in the file's content; errors as of `_drive_from`."""
+    numbers = {
+        name: None if content[name] is None else int(content[name])
+        for name in ('vendor', 'product', 'serial')
+    }
+    return Identity(**numbers)
 
 
 def _is_same(one: float | str, other: float | str) -> bool:
-    """Return whether two values are the same: texts exactly, numbers within a share of SAME."""
+    """Return whether two values are the same, numbers within a share of SAME."""
     if isinstance(one, str) or isinstance(other, str):
         return one == other
-    return abs(one - other) <= SAME * max(abs(one), abs(other))
+    return isclose(one, other, rel_tol=SAME)

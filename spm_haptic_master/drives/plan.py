@@ -21,8 +21,11 @@ from spm_haptic_master.encoders.decoder_factory import cycle_bits, frame_bits, m
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.parameters.axes import AXES
 from spm_haptic_master.parameters.setting import Values
 
+# One turn a minute (rad/s).
+TURN_A_MINUTE = 2.0 * pi / 60.0
 # Layout of a status frame: statusword, torque actual (per mille), mode of operation.
 STATUS = Struct('<Hhb')
 # What a drive sends its status by: its event timer, SYNC of this master, SYNC of the encoders.
@@ -306,7 +309,8 @@ def _drive_plan(
     Raises
     ------
     SettingError
-        The torque limit is less than one per mille, or more than 16 bits hold.
+        The torque limit is less than one per mille, or more than 16 bits hold; the speed limit is
+        less than one turn of the motor a minute.
 
     """
     limit = values['drives.torque_limit']
@@ -325,10 +329,28 @@ def _drive_plan(
         gear=gear,
         rated_torque=torque,
         cap=cap,
-        speed_limit=round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi)),
+        speed_limit=_speed_limit(values['drives.speed_limit'], gear),
         status_id=canopen.TPDO_BASES[0] + node_id,
         control_id=canopen.RPDO_BASES[0] + node_id,
     )
+
+
+def _speed_limit(limit: float, gear: float) -> int:
+    """
+    Return 6080h of a motor, 1/min: a limit of its joint in rad/s, rounded; 0 without a limit.
+
+    Raises
+    ------
+    SettingError
+        It would round to 0, which means no limit.
+
+    """
+    turns = gear / TURN_A_MINUTE
+    if 0.0 < limit * turns < 1.0:
+        raise SettingError(
+            'drives.speed_limit', limit, f'0, or at least {1.0 / turns:g} rad/s (1/min of a motor)'
+        )
+    return round(limit * turns)
 
 
 def _verified(text: str) -> frozenset[tuple[int, int]]:
@@ -459,7 +481,7 @@ def check_shared_bus(drives: Values, encoders: Values) -> None:
     layouts = make_layouts(encoders)
     sync = bool(encoders['encoders.sync_id'])
     _check_node_ids(drives, encoders)
-    _check_identifiers(plan, layouts, list(encoders['encoders.id']))
+    _check_identifiers(plan, layouts, encoders)
     check_load(
         plan,
         drives['drives.bitrate'] or encoders['can.bitrate'],
@@ -485,34 +507,65 @@ def _check_sync(drives: Values, encoders: Values) -> None:
 
 def _check_node_ids(drives: Values, encoders: Values) -> None:
     """Refuse a node id of a drive, or of this master, that an encoder has: SettingError."""
-    node_ids = [*drives['drives.node_id'], drives['drives.master_id']]
-    taken = set(encoders['encoders.node_id']) & set(node_ids)
-    if taken and encoders['can.protocol'] == 'canopen':
-        raise SettingError(
-            'drives.node_id',
-            node_ids[:-1],
-            'node ids that no encoder has '
-            f'({min(taken)} is in encoders.node_id), nor drives.master_id',
-        )
+    node_ids = {*drives['drives.node_id'], drives['drives.master_id']}
+    nodes = {f'{axis}.node_id': (encoders[f'{axis}.node_id'],) for axis in AXES}
+    if encoders['can.protocol'] == 'canopen':
+        nodes['encoders.node_id'] = encoders['encoders.node_id']
+    for setting, others in nodes.items():
+        taken = node_ids.intersection(others)
+        if taken:
+            raise SettingError(
+                'drives.node_id',
+                list(drives['drives.node_id']),
+                f'node ids that no encoder has ({min(taken)} is in {setting}), nor '
+                'drives.master_id',
+            )
 
 
 def _check_identifiers(
     plan: Plan,
     layouts: Sequence[EncoderLayout],
-    given: object,
+    encoders: Values,
 ) -> None:
-    """Refuse an identifier of an encoder that a drive uses: SettingError."""
-    frames = {plan.combined_id}.union(
-        *((drive.status_id, drive.control_id) for drive in plan.drives)
-    )
+    """Refuse an identifier of an encoder that drives or this master use: SettingError."""
+    used = _identifiers(plan)
     for layout in layouts:
-        if not layout.extended and layout.can_id in frames:
+        if not layout.extended and layout.can_id in used:
             raise SettingError(
                 'encoders.id',
-                given,
-                f'identifiers that no drive uses (0x{layout.can_id:X} of '
-                f'{layout.joint} is one of drives.node_id)',
+                list(encoders['encoders.id']),
+                f'identifiers that no drive uses, nor this master (0x{layout.can_id:X} of '
+                f'{layout.joint} is one of them)',
             )
+    for axis in AXES:
+        identifier = encoders[f'{axis}.id']
+        if not encoders[f'{axis}.extended'] and identifier in used:
+            raise SettingError(
+                f'{axis}.id',
+                identifier,
+                f'an identifier that no drive uses, nor this master (0x{identifier:X})',
+            )
+
+
+def _identifiers(plan: Plan) -> set[int]:
+    """
+    Return the identifiers of all frames that drives send or take, and of this master's.
+
+    All RPDOs are among them: the data of a foreign frame would be a command.
+    """
+    bases = (
+        canopen.EMCY_BASE,
+        canopen.TPDO_BASES[0],
+        *canopen.RPDO_BASES,
+        canopen.SDO_ANSWER_BASE,
+        canopen.SDO_REQUEST_BASE,
+        canopen.HEARTBEAT_BASE,
+    )
+    used = {base + drive.node_id for base in bases for drive in plan.drives}
+    used.add(canopen.HEARTBEAT_BASE + plan.master_id)
+    if plan.sends_sync:
+        used.add(canopen.SYNC_ID)
+    return used
 
 
 def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> None:

@@ -25,7 +25,7 @@ def drive():
     plan = make_test_plan()
     drive = Drive(plan.drives[0], plan, [].append)
     drive.mode = 10
-    drive.restart()
+    drive.clear()
     status(drive, 0.0)
     assert trouble(drive, 0.0) is None
     return drive
@@ -150,7 +150,7 @@ def test_a_torque_is_a_fault_after_50_ms_off_its_command(drive):
         'torque 70 per mille for a command of 400, off by more than 20 % for 52 ms'
         in run(84, 88, 70)[-1]
     )
-    drive.restart()
+    drive.clear()
     assert trouble(drive, 0.088) is None
 
 
@@ -215,10 +215,11 @@ def test_a_drive_has_two_seconds_to_reach_operation_enabled(drive):
     )
 
 
-def test_a_restart_forgets_a_boot_and_an_emergency(drive):
-    send(drive, HEARTBEAT, b'\x00', 0.0)
+def test_an_emergency_ends_by_an_acknowledgement_and_a_boot_by_another_read_back(drive):
     send(drive, EMCY, b'\x10\x23\x01' + bytes(5), 0.0)
-    drive.restart()
-    send(drive, HEARTBEAT, b'\x05', 0.0)
-    status(drive, 0.0, SWITCHED_ON)
+    drive.clear()
     assert trouble(drive, 0.0) is None
+    send(drive, HEARTBEAT, b'\x00', 0.0)
+    drive.clear()
+    status(drive, 0.0, SWITCHED_ON)
+    assert trouble(drive, 0.0) == 'drive of joint_1a (node 11): booted: its settings are lost'

@@ -86,8 +86,43 @@ def test_a_drive_that_boots_in_the_pause_has_not_fallen_out(starting):
     starting.run(TORQUES, 0.01)
     starting.other.send(canopen.frame(canopen.HEARTBEAT_BASE + 12, bytes(1)))
     report = starting.run(TORQUES, 1.0)
-    assert report.fault.startswith('drive of joint_1b (node 12) booted during the check')
+    assert report.fault == (
+        'drive of joint_1b (node 12) booted during the start-up: its settings are lost'
+    )
     assert {torque for _, torque in starting.commands()} == {0}
+
+
+def is_read_back(rig):
+    """Return whether the first drive was read back: the second one is asked."""
+    return any(message.arbitration_id == 0x60C for _, message in rig.sent)
+
+
+def is_about_to_be_enabled(rig):
+    """Return whether a drive is on its way to Operation enabled, for the proof."""
+    return rig.drive[0].state is State.SWITCHED_ON
+
+
+def has_passed_the_proof(rig):
+    """Return whether frames go out again after the pause."""
+    times = [at for at, message in rig.sent if message.arbitration_id == 0x20B]
+    return len(times) > 1 and times[-1] - times[-2] > 9 * MS
+
+
+@pytest.mark.parametrize('moment', [is_read_back, is_about_to_be_enabled, has_passed_the_proof])
+def test_a_drive_that_boots_in_the_start_up_gets_no_torque(starting, moment):
+    """It starts by itself, and has lost what was read back, such as its largest torque."""
+    drive = starting.drive[0]
+    while not moment(starting):
+        starting.step(TORQUES)
+    starting._put(drive.boot())
+    drive.nmt = canopen.OPERATIONAL
+    report = starting.run(TORQUES, STARTED)
+    assert report.fault == (
+        'drive of joint_1a (node 11) booted during the start-up: its settings are lost'
+    )
+    assert {torque for _, torque in starting.commands()} <= {0}
+    starting.drives.acknowledge()
+    starting.ready(TORQUES)
 
 
 def test_a_drive_in_another_mode_is_not_enabled_for_the_proof(starting):
@@ -350,7 +385,52 @@ def test_closing_sends_zero_torque_and_then_disables_the_voltage(rig):
     assert last == ['0f000000', '00000000']
 
 
+def test_nothing_goes_out_after_closing(rig):
+    """A sample may come while the process ends."""
+    rig.drives.close()
+    opened = []
+    rig.drives._open_bus = lambda: opened.append(rig.now) or rig.bus
+    rig.sent.clear()
+    while rig.other.recv(0.0) is not None:
+        pass
+    for _ in range(2):
+        report = rig.run(TORQUES, 2.0)
+        assert not report.ready
+        assert report.fault is not None
+        rig.drives.acknowledge()
+    assert not opened
+    assert not rig.sent
+
+
+def test_closing_after_a_fault_enables_nothing(rig):
+    rig.drive[1].faults['drive'] = 0x2310
+    rig.run(TORQUES, 0.1)
+    rig.drives.close()
+    rig.sent.clear()
+    rig.step(TORQUES)
+    assert set(rig.commands()) == {(0, 0)}
+
+
 # Bus --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('refused', [0x20B, 0x20C, 0x20D])
+def test_a_frame_that_is_refused_is_zero_torque_of_all_in_the_same_sample(rig, refused):
+    send = rig.bus.send
+
+    def refuse(message, timeout):
+        if message.arbitration_id == refused:
+            raise can.CanOperationError('Transmit buffer full')
+        send(message, timeout)
+
+    rig.bus.send = refuse
+    rig.sent.clear()
+    assert 'not sent: Transmit buffer full' in rig.run(TORQUES, MS).fault
+    last = {message.arbitration_id: bytes(message.data) for _, message in rig.sent}
+    others = {0x20B, 0x20C, 0x20D} - {refused}
+    assert {identifier: last[identifier] for identifier in others} == dict.fromkeys(
+        others, bytes(4)
+    )
 
 
 @pytest.mark.parametrize(('seconds', 'identifier'), [(0.02, 0x60B), (STARTED, 0x20B)])

@@ -46,6 +46,8 @@ def test_without_a_passed_check_there_are_no_drives():
         ({'rated_torque': 5.0}, 'joint_1b: rated torque 5.0 was checked, 0.5 is configured'),
         ({'node_id': 22}, 'joint_1b: node id 22 was checked, 12 is configured'),
         ({'joint': 'joint_1c'}, 'joint joint_1c was checked'),
+        ({'gear': float('inf')}, 'joint_1b: gear inf was checked, 1.0 is configured'),
+        ({'gear': float('nan')}, 'joint_1b: gear nan was checked, 1.0 is configured'),
     ],
 )
 def test_what_is_configured_in_another_way_than_checked_is_refused(file, changed, words):
@@ -68,6 +70,23 @@ def test_a_file_that_is_no_check_is_named(tmp_path, text):
         make_drives(drive_values(drives__check_file=str(path)))
     with pytest.raises(InputError, match='none.json: expected the file'):
         make_drives(drive_values(drives__check_file=str(tmp_path / 'none.json')))
+
+
+@pytest.mark.parametrize(
+    'changed',
+    [
+        {'gear': None},
+        {'rated_torque': 'one'},
+        {'node_id': [12]},
+        {'direction': 'left'},
+        {'identity': {'serial': 'unknown'}},
+        {'identity': {'vendor': [1]}},
+    ],
+)
+def test_a_file_whose_values_are_none_is_named(file, changed):
+    """By hand, or by another program: the text of a refusal has to name it, not a traceback."""
+    with pytest.raises(InputError, match='check.json: expected the file of a passed force_check'):
+        make_drives(drive_values(drives__check_file=str(file(**changed))))
 
 
 @pytest.mark.parametrize('name', ['vendor', 'product', 'serial'])

@@ -37,6 +37,8 @@ def test_nothing_is_opened_before_the_first_step():
             'drives.torque_limit',
             'it is 0',
         ),
+        # Rounded to none, the drive's own limit would be left.
+        ({'drives__speed_limit': 0.05}, 'drives.speed_limit', 'at least 0.10472 rad/s'),
         ({'drives__event_timer': 0.0105}, 'drives.event_timer', 'whole milliseconds'),
         ({'drives__event_timer': 0.002}, 'drives.event_timer', '3 samples at rate 1000 Hz'),
         ({'drives__status_timeout': 0.007}, 'drives.status_timeout', 'at least 0.008 s'),
@@ -73,6 +75,13 @@ def test_times_and_limits_may_be_as_short_as_they_say():
         )
     )
     make_unchecked_drives(drive_values(drives__torque_limit=0.001, drives__rated_torque=[1.0]))
+
+
+def test_a_speed_limit_is_in_turns_of_the_motor():
+    assert make_test_plan(drives__speed_limit=0.11).drives[0].speed_limit == 1
+    plan = make_test_plan(drives__speed_limit=10.0, drives__gear=[2.0])
+    assert plan.drives[0].speed_limit == 191
+    assert make_test_plan().drives[0].speed_limit == 0
 
 
 def test_torques_are_per_mille_of_the_rated_torque_within_the_cap():
@@ -197,6 +206,46 @@ def test_the_sync_of_the_encoders_is_on_their_bus_alone():
             },
             'encoders.id',
             '0x18C of joint_1a',
+        ),
+        # The data of an encoder would be a torque, an SDO request, a heartbeat of this master.
+        *(
+            (
+                {
+                    'drives__combined': True,
+                    'encoders': {
+                        'encoders__id': [2, 3, identifier, 4],
+                        'encoders__sync_id': 0,
+                        'can__protocol': 'raw',
+                    },
+                },
+                'encoders.id',
+                f'0x{identifier:X} of joint_1c',
+            )
+            for identifier in (0x08B, 0x30C, 0x40D, 0x50B, 0x58B, 0x60C, 0x70D, 0x77E)
+        ),
+        (
+            {'drives__combined': True, 'encoders': {'insertion__id': 0x60C}},
+            'insertion.id',
+            'nor this master (0x60C)',
+        ),
+        (
+            {'drives__combined': True, 'encoders': {'gripper__id': 9, 'gripper__node_id': 12}},
+            'drives.node_id',
+            '12 is in gripper.node_id',
+        ),
+        # Without SYNC of the drives another device may have its identifier.
+        (
+            {
+                'drives__combined': True,
+                'drives__status_by': 'sync',
+                'encoders': {
+                    'encoders__id': [1, 2, 0x80, 4],
+                    'encoders__sync_id': 0,
+                    'can__protocol': 'raw',
+                },
+            },
+            'encoders.id',
+            '0x80 of joint_1c',
         ),
     ],
 )
