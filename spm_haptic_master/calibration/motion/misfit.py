@@ -15,7 +15,7 @@ from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.coverage import inverse
+from spm_haptic_master.calibration.motion.coverage import around_middle, inverse
 from spm_haptic_master.calibration.motion.fit import Fit, Normal, normal_equations
 from spm_haptic_master.calibration.motion.model import Array, MotionModel
 from spm_haptic_master.exceptions import CalibrationError
@@ -162,10 +162,10 @@ def contradiction(
     """
     rotation = found.normal.rotation
     columns = np.array(found.columns)
-    turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
-    places = np.column_stack(
-        [rotation[:, 0, 2], rotation[:, 1, 2], np.angle(turn * np.conj(turn.sum()))]
-    )
+    known = np.isfinite(rotation).all(axis=(1, 2))
+    turns = np.full(len(rotation), np.nan)
+    turns[known] = around_middle(zxz_from_matrix(rotation[known])[2])
+    places = np.column_stack([rotation[:, 0, 2], rotation[:, 1, 2], turns])
     above = places > np.nanmedian(places, axis=0)
     octant = above @ [1, 2, 4]
     parts = {
@@ -300,8 +300,9 @@ class _Slips:
     def explained(self) -> Array:
         """Return what each change improves (unit 1): slope^2 / size."""
         # A change that nothing shows explains nothing.
-        known = np.maximum(self.size, np.finfo(float).tiny)
-        return np.where(self.size > 0.0, self.slope**2 / known, 0.0)
+        explained = np.zeros_like(self.slope)
+        np.divide(self.slope**2, self.size, out=explained, where=self.size > 0.0)
+        return explained
 
 
 def _slips(
