@@ -128,7 +128,7 @@ def mounted(
         now = now.changed(-covariance @ right)
     rotation = calibration.model.orientations(turned, now.vector)
     rms = _residual(rotation, outside, now)
-    if len(outside) > 1 and rms > CONTRADICTION * sigma:
+    if rms > CONTRADICTION * sigma:
         raise CalibrationError(
             f'the orientations from outside contradict the motion: their residual is '
             f'{degrees(rms):.3f} deg rms, expected up to {degrees(CONTRADICTION * sigma):.3f} deg'
