@@ -100,6 +100,8 @@ class CommandOutput:
             passed = max(now - self._twisted_at, self._period)
             motion = self._fading.follow(command.motion, passed)
             self._publish_twist(stamp, motion)
+        else:
+            self._fading.stop()
         self._commanded_at = now
         self._twisted_at = now
 

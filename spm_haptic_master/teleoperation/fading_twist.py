@@ -84,6 +84,12 @@ class FadingTwist:
             self._zeros_left -= 1
         return self._motion
 
+    def stop(self) -> None:
+        """Forget the motion, which nobody follows any more: the next one begins from rest."""
+        self._motion = Motion()
+        self._zeros_left = 0
+        self._fading = None
+
     def _duration(self) -> float:
         """Return the time in which the motion fades, s."""
         return min(

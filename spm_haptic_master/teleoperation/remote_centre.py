@@ -16,7 +16,7 @@ the line through p_cmd along R_cmd u, passes through the trocar in every command
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 from spm_haptic_master.kinematics.rotations import conjugate
@@ -51,7 +51,7 @@ class RemoteCentreSettings:
 
 @dataclass(frozen=True, slots=True)
 class Pivot:
-    """A trocar, and the shaft of the slave through it as engaging found them."""
+    """A trocar, and the shaft of the slave through it as engaging, not the clutch, found it."""
 
     trocar: FloatVector  # p_t in the slave's base frame, m
     shaft: FloatVector  # u in the tool's frame, unit vector
@@ -187,7 +187,7 @@ class RemoteCentre:
     insertion
         Insertion of the master at that moment, d_0, m.
     known
-        Pivot before the clutch, which keeps the direction at engaging; None at engaging.
+        Pivot before the clutch, which keeps the shaft of engaging; None at engaging.
 
     """
 
@@ -199,17 +199,19 @@ class RemoteCentre:
         insertion: float,
         known: Pivot | None,
     ) -> None:
-        shaft = shaft_through(trocar, slave)
+        # The line through trocar and tip, about which this course turns: not quite the shaft where
+        # that was pushed aside during the clutch.
+        self._line = shaft_through(trocar, slave)
         if known is None:
-            axis = rotate(slave.rotation, shaft)
+            axis = rotate(slave.rotation, self._line)
+            self.pivot = Pivot(trocar, shaft=self._line, axis=axis)
         else:
-            axis = known.axis
-        self.pivot = Pivot(trocar, shaft, axis)
+            self.pivot = replace(known, trocar=trocar)
         self.cone: TiltCone | None = None
         if settings.largest_tilt < inf:
             self.cone = TiltCone(
-                shaft=shaft,
-                axis=axis,
+                shaft=self._line,
+                axis=self.pivot.axis,
                 largest=settings.largest_tilt,
             )
         self._scale = settings.scale
@@ -226,7 +228,7 @@ class RemoteCentre:
 
     def command(self, rotation: FloatQuaternion, angular: FloatVector) -> Command:
         """Return tip and motion for a commanded rotation and its angular velocity, rad/s."""
-        direction = rotate(rotation, self.pivot.shaft)
+        direction = rotate(rotation, self._line)
         lever = scaled(self._depth.depth, direction)
         return Command(
             Pose(rotation, added(self.pivot.trocar, lever)),

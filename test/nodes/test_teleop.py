@@ -160,6 +160,22 @@ def test_the_twist_continues_to_zero_and_stops(given, frame):
         assert len(rig.twists) == count
 
 
+def test_a_subscriber_of_the_twist_that_comes_back_starts_from_rest():
+    """What the twist was when nobody followed it any more is no motion of now."""
+    with running(teleop__acceleration_limit=20.0) as rig:
+        rig.engage()
+        rig.run(30, turning=(0.0, 0.01, 0.0))
+        assert rig.twists[-1].twist.angular.y == pytest.approx(1.0)
+        rig.host.subscribed = lambda topic: 'delta_twist_cmds' not in topic
+        rig.run(100)
+        rig.host.subscribed = lambda topic: True
+        count = len(rig.twists)
+        rig.run(5)
+        rates = [message.twist.angular.y for message in rig.twists[count:]]
+        assert rates == pytest.approx([0.0] * len(rates), abs=1e-9)
+        assert len(rates) == 5
+
+
 def test_an_old_enable_that_arrives_now_engages_nothing(rig, monkeypatch):
     """In simulated time, of an hour after 1970; a person enables in the present."""
     rig.now = lambda: round(3600e9) + rig.host.time_ns() % 10**12

@@ -226,6 +226,36 @@ def test_a_shaft_that_was_pushed_aside_during_the_clutch_ends_it():
     assert rig.machine.last_disengage_reason == 'shaft 8 mm off the trocar, expected 5 mm or less'
 
 
+def test_a_shaft_that_is_pushed_aside_by_several_clutches_is_that_of_engaging():
+    """In small steps it is no less far: the shaft stays where it is in the tool."""
+    rig = pivoting().engage()
+    for pushed in (1, 2):
+        rig.machine.take_clutch(True)
+        follow(rig)
+        rig.tip = tuple(np.array(rig.tip) + 0.004 * rig.slave @ [0.0, 1.0, 0.0])
+        rig.run(100)
+        rig.machine.take_clutch(False)
+        given = rig.run(100)
+        assert bool(given) is (pushed == 1)
+    assert rig.machine.last_disengage_reason == 'shaft 8 mm off the trocar, expected 5 mm or less'
+
+
+def test_a_shaft_that_was_pushed_aside_stays_watched_as_it_goes_deeper():
+    """4 mm at a depth of 0.1 m are 6 mm at 0.15 m."""
+    rig = pivoting().engage()
+    rig.machine.take_clutch(True)
+    rig.tip = tuple(np.array(rig.tip) + 0.004 * rig.slave @ [0.0, 1.0, 0.0])
+    rig.run(100)
+    rig.machine.take_clutch(False)
+    for _ in range(50):
+        rig.insertion += 0.001
+        rig.run(10)
+        rig.slave = matrix_from_quaternion(rig.last.pose.rotation)
+        rig.tip = rig.last.pose.position
+    assert rig.machine.last_disengage_reason.startswith('shaft 5 mm off the trocar')
+    assert depth_of(rig.tips[-1]) < 0.13
+
+
 def test_the_tilt_counts_from_engaging_and_not_from_the_clutch():
     rig = pivoting(tilt_limit_deg=20.0).engage()
     axis = rig.slave @ SHAFT
