@@ -10,6 +10,7 @@ One drive as its frames show it, and the requests that set it up; without bus an
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from math import inf
 
 import can
 from spm_haptic_master.drives import cia402
@@ -17,20 +18,14 @@ from spm_haptic_master.drives.cia402 import mode_words, State, state_of
 from spm_haptic_master.drives.drive_objects import drive_objects
 from spm_haptic_master.drives.passed_check import Identity
 from spm_haptic_master.drives.plan import DrivePlan, Plan, STATUS
+from spm_haptic_master.drives.sdo_client import SdoClient
+from spm_haptic_master.drives.torque_watch import TorqueWatch
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.node_setup import Comparison, Key
 from spm_haptic_master.exceptions import SetupError
 
-# Deviation of the torque from its command (share of it) that is a fault if it lasts (s). Below a
-# quarter of the cap friction and noise of the drive are larger than such a share.
-TORQUE_SHARE = 0.2
-TORQUE_FLOOR = 0.25
-TORQUE_TIME = 0.05
 # Time from the request for Operation enabled to it (s).
 ENABLE_TIMEOUT = 2.0
-# Longest wait for the answer to a request by SDO (s), and number of requests.
-ANSWER_TIMEOUT = 0.2
-REQUESTS = 3
 
 # Takes the data of a frame.
 Handler = Callable[[bytearray], None]
@@ -40,7 +35,7 @@ Steps = Generator[None, None, None]
 
 class Drive:
     """
-    State of one drive: what it has sent, what it was commanded, and what is wrong with it.
+    State of one drive: what it has sent, and what is wrong with it.
 
     Parameters
     ----------
@@ -55,8 +50,10 @@ class Drive:
     ----------
     own : DrivePlan
         As given.
-    now : float
-        Time of the present sample, s; the caller sets it before each step.
+    sdo : SdoClient
+        Reads and writes its objects.
+    torques : TorqueWatch
+        Compares its torque with the commands, which the caller notes there.
     state : State
         State of the latest statusword.
     torque : int
@@ -86,58 +83,48 @@ class Drive:
     ):
         self.own = own
         self._plan = plan
-        self._send = send
-        self.now = 0.0
+        self.sdo = SdoClient(own.node_id, own.name, send)
+        self.torques = TorqueWatch(own.cap)
         self.state = State.UNKNOWN
         self.torque = 0
-        self.status_at = float('-inf')
+        self.status_at = -inf
         self.mode: int | None = None
         self.identity: Identity | None = None
         self.absent: str | None = None
-        self._answer: bytes | None = None  # latest one by SDO, until it is removed
         self.emergency: str | None = None
-        self._shown_mode = 0
+        self._reported_mode = 0
         # NMT state, None before the first heartbeat, and the time from which one is due, s.
         self._nmt: int | None = None
-        self._heartbeat_at = float('-inf')
+        self._heartbeat_at = -inf
         self.booted = False
-        # Command in force, and the range of the commands since the latest status frame and between
-        # that one and the one before, per mille: a status frame may be as old as two periods.
-        self._command = 0
-        self._range = self._before = (0, 0)
-        # Time for which the torque was off its command, less that for which it followed, s.
-        self._off_time = 0.0
         # Time since which Operation enabled is wanted, s, and whether it was reached since then.
         self._wanted_since: float | None = None
-        self._reached = False
+        self._is_reached = False
         self.handlers: dict[int, tuple[int, Handler]] = {
             own.status_id: (STATUS.size, self._on_status),
             canopen.HEARTBEAT_BASE + own.node_id: (canopen.HEARTBEAT_LENGTH, self._on_heartbeat),
             canopen.EMCY_BASE + own.node_id: (canopen.EMCY_LENGTH, self._on_emergency),
-            canopen.SDO_ANSWER_BASE + own.node_id: (canopen.SDO_LENGTH, self._on_answer),
+            canopen.SDO_ANSWER_BASE + own.node_id: (canopen.SDO_LENGTH, self.sdo.on_answer),
         }
+
+    @property
+    def now(self) -> float:
+        """Time of the present sample, s; the caller sets it before each step."""
+        return self.sdo.now
+
+    @now.setter
+    def now(self, time: float) -> None:
+        self.sdo.now = time
 
     def clear(self) -> None:
         """Forget what an acknowledgement or the proof ends; from now on a heartbeat is due."""
         self._heartbeat_at = self.now
-        self.emergency = self.absent = self._wanted_since = None
-        self._off_time = 0.0
+        self.emergency = None
+        self.absent = None
+        self._wanted_since = None
+        self.torques.clear()
 
-    def command(self, torque: int) -> None:
-        """
-        Note a torque that is sent, to compare it with the torque that is reported.
-
-        Parameters
-        ----------
-        torque : int
-            Commanded torque (6071h), per mille of the rated torque.
-
-        """
-        self._command = torque
-        low, high = self._range
-        self._range = min(low, torque), max(high, torque)
-
-    def trouble(self, operate: bool) -> str | None:
+    def fault(self, operate: bool) -> str | None:
         """
         Return what is wrong with the drive.
 
@@ -152,11 +139,11 @@ class Drive:
             The reason for no torque, with the drive's name; None if nothing is wrong.
 
         """
-        if found := self._silence() or self.refusal(operate):
+        if found := self._own_fault() or self.deviation(operate):
             return f'{self.own.name}: {found}'
         return None
 
-    def _silence(self) -> str | None:
+    def _own_fault(self) -> str | None:
         """
         Return what the drive reports of itself, or what it does not send; None if nothing.
 
@@ -180,9 +167,9 @@ class Drive:
             return f'no status frame for {1e3 * silent:.0f} ms'
         return None
 
-    def refusal(self, operate: bool) -> str | None:
+    def deviation(self, operate: bool) -> str | None:
         """
-        Return how the drive deviates from its command.
+        Return how the drive deviates from its command; to be called once a sample.
 
         It deviates if it leaves Operation enabled or does not reach it within ENABLE_TIMEOUT, if
         it shows another mode than it was set to, or if its torque is off its command for more than
@@ -203,48 +190,40 @@ class Drive:
             self._wanted_since = None
         elif self._wanted_since is None:
             self._wanted_since = self.now
-            self._reached = False
-        if self._wanted_since is not None:
-            if self.state is State.ENABLED:
-                self._reached = True
-                if self._shown_mode != self.mode:
-                    return (
-                        f'mode of operation {mode_words(self._shown_mode)}; expected '
-                        f'{mode_words(self.mode or 0)}'
-                    )
-            elif self._reached:
-                return f'left Operation enabled ({self.state.value})'
-            elif self.now - self._wanted_since > ENABLE_TIMEOUT:
-                return (
-                    f'{self.state.value} {ENABLE_TIMEOUT:g} s after Operation enabled was '
-                    'asked for'
-                )
-        if self._off_time > TORQUE_TIME:
-            return (
-                f'torque {self.torque} per mille for a command of {self._command}, off by '
-                f'more than {100.0 * TORQUE_SHARE:.0f} % for {1e3 * self._off_time:.0f} ms'
-            )
+            self._is_reached = False
+        if self._wanted_since is None:
+            return self.torques.deviation
+        if self.state is not State.ENABLED:
+            found = self._late_state(self._wanted_since)
+        else:
+            self._is_reached = True
+            found = self._other_mode()
+        return found or self.torques.deviation
+
+    def _late_state(self, wanted_since: float) -> str | None:
+        """Return that Operation enabled was left, or comes too late; None while it may come."""
+        if self._is_reached:
+            return f'left Operation enabled ({self.state.value})'
+        if self.now - wanted_since > ENABLE_TIMEOUT:
+            return f'{self.state.value} {ENABLE_TIMEOUT:g} s after Operation enabled was asked for'
         return None
 
-    def _on_status(self, data: bytearray) -> None:
-        """
-        Note a status frame: state, torque and mode, and how long the torque was off its command.
+    def _other_mode(self) -> str | None:
+        """Return that the drive reports another mode than it was set to; None if it does not."""
+        if self._reported_mode == self.mode:
+            return None
+        return (
+            f'mode of operation {mode_words(self._reported_mode)}; expected '
+            f'{mode_words(self.mode or 0)}'
+        )
 
-        The reported torque may lie anywhere in the range of the commands since the status frame
-        before the last, widened by TORQUE_SHARE.
-        """
-        word, self.torque, self._shown_mode = STATUS.unpack(data)
+    def _on_status(self, data: bytearray) -> None:
+        """Note a status frame: state, torque and mode."""
+        word, self.torque, self._reported_mode = STATUS.unpack(data)
         self.state = state_of(word)
         elapsed = min(self.now - self.status_at, self._plan.status_timeout)
         self.status_at = self.now
-        low = min(self._range[0], self._before[0])
-        high = max(self._range[1], self._before[1])
-        self._before = self._range
-        self._range = (self._command, self._command)
-        allowed = TORQUE_SHARE * max(abs(low), abs(high), TORQUE_FLOOR * self.own.cap)
-        # A torque that only crosses its command now and then does not follow it.
-        follows = low - allowed <= self.torque <= high + allowed
-        self._off_time = max(0.0, self._off_time + (-elapsed if follows else elapsed))
+        self.torques.report(self.torque, elapsed)
 
     def _on_heartbeat(self, data: bytearray) -> None:
         """Note the NMT state of a heartbeat, and whether the drive has booted."""
@@ -258,10 +237,6 @@ class Drive:
         # Its reset may come with it in one sample: it ends by an acknowledgement.
         if canopen.emcy_code(data) != canopen.EMCY_ERROR_RESET:
             self.emergency = canopen.emcy_words(data, cia402.ERROR_WORDS)
-
-    def _on_answer(self, data: bytearray) -> None:
-        """Keep the answer to a request by SDO until it is read."""
-        self._answer = bytes(data)
 
     # Start-up: SetupError where the drive is not as configured -----------------------------------
 
@@ -280,14 +255,7 @@ class Drive:
             The node is no drive of CiA 402, or an object differs from its required value.
 
         """
-        while True:
-            try:
-                profile = yield from self.read(canopen.DEVICE_TYPE)
-                break
-            except SetupError as error:
-                self.absent = str(error)
-        self.absent = None
-        self.booted = False
+        profile = yield from self._read_profile()
         if profile is None or profile & 0xFFFF != canopen.DRIVE_PROFILE:
             shown = 'none' if profile is None else f'0x{profile:08X}'
             raise SetupError(
@@ -298,17 +266,30 @@ class Drive:
         wanted = drive_objects(self._plan, self.own)
         values: dict[Key, int | None] = {}
         for expected in wanted.every:
-            values[expected.key] = yield from self.read(expected.key)
+            values[expected.key] = yield from self.sdo.read(expected.key)
         comparison = Comparison(wanted, values)
         if comparison.different:
             differences = '; '.join(comparison.hinted)
             raise SetupError(f'{self.own.name}: {differences} (can_setup --drives --write)')
 
+    def _read_profile(self) -> Generator[None, None, int | None]:
+        """Read the device type once the drive answers; earlier boots do not count."""
+        while True:
+            self.booted = False
+            try:
+                profile = yield from self.sdo.read(canopen.DEVICE_TYPE)
+            except SetupError as error:
+                self.absent = str(error)
+                continue
+            if not self.booted:
+                self.absent = None
+                return profile
+
     def _read_identity(self) -> Generator[None, None, Identity]:
         """Read vendor id, product code and serial number (1018h); None for a missing one."""
-        vendor = yield from self.read(canopen.VENDOR_ID)
-        product = yield from self.read(canopen.PRODUCT_CODE)
-        serial = yield from self.read(canopen.SERIAL_NUMBER)
+        vendor = yield from self.sdo.read(canopen.VENDOR_ID)
+        product = yield from self.sdo.read(canopen.PRODUCT_CODE)
+        serial = yield from self.sdo.read(canopen.SERIAL_NUMBER)
         return Identity(vendor=vendor, product=product, serial=serial)
 
     def set_mode(self) -> Steps:
@@ -332,14 +313,12 @@ class Drive:
         modes = [self._plan.mode]
         if not self._plan.mode:
             modes = [cia402.CYCLIC_TORQUE, cia402.PROFILE_TORQUE]
-            supported = yield from self.read(cia402.SUPPORTED_MODES)
+            supported = yield from self.sdo.read(cia402.SUPPORTED_MODES)
             if supported is not None:
                 modes = [mode for mode in modes if supported >> (mode - 1) & 1]
         for mode in modes:
-            answer = yield from self._request(
-                canopen.sdo_write(self.own.node_id, *cia402.MODE, mode, 1), cia402.MODE
-            )
-            if answer[0] == canopen.SDO_DOWNLOAD_ANSWER:
+            is_accepted = yield from self.sdo.write(cia402.MODE, mode, size=1)
+            if is_accepted:
                 self.mode = mode
                 return
         raise SetupError(
@@ -347,62 +326,3 @@ class Drive:
             f'{mode_words(cia402.CYCLIC_TORQUE)} or '
             f'{mode_words(cia402.PROFILE_TORQUE)}'
         )
-
-    def read(self, key: tuple[int, int]) -> Generator[None, None, int | None]:
-        """
-        Return the value of an object by SDO upload.
-
-        Parameters
-        ----------
-        key : tuple of 2 int
-            Index and subindex.
-
-        Yields
-        ------
-        None
-            Once a sample, until the answer is there.
-
-        Returns
-        -------
-        int or None
-            The value; None if the drive does not give it.
-
-        Raises
-        ------
-        SetupError
-            The drive does not answer.
-
-        """
-        answer = yield from self._request(canopen.sdo_upload(self.own.node_id, *key), key)
-        return canopen.sdo_value(answer)
-
-    def _request(self, message: can.Message, key: tuple[int, int]) -> Generator[None, None, bytes]:
-        """
-        Return the answer to a request by SDO.
-
-        Each of REQUESTS attempts waits for ANSWER_TIMEOUT, and answers about another object are
-        ignored.
-
-        Parameters
-        ----------
-        message : can.Message
-            The request.
-        key : tuple of 2 int
-            Index and subindex of its object.
-
-        Raises
-        ------
-        SetupError
-            No answer comes.
-
-        """
-        for _ in range(REQUESTS):
-            self._answer = None
-            self._send(message)
-            until = self.now + ANSWER_TIMEOUT
-            while self.now < until:
-                yield
-                answer = self._answer
-                if answer is not None and canopen.sdo_object(answer) == key:
-                    return answer
-        raise SetupError(f'{self.own.name} does not answer SDO 0x{key[0]:04X}:{key[1]:02X}')

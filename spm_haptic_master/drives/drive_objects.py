@@ -13,12 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from spm_haptic_master.drives import cia402
-from spm_haptic_master.drives.plan import DrivePlan, Plan
+from spm_haptic_master.drives.plan import DrivePlan, Plan, TORQUE_TIMERS
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.node_setup import (
     Key,
     other_tpdos_off,
     Present,
+    Rules,
     wanted_pdo,
     WantedObject,
     WantedObjects,
@@ -34,16 +35,25 @@ INTEGER16 = 0x0003
 KEEP_STATE = 1
 # Exponent of a time in ms, as an INTEGER8.
 MILLI = 0xFD
-# Timers of the frames of a drive: of the status, of a torque with its controlword, of all torques.
+# Event timer of the status frame.
 STATUS_TIMER = (canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
-TORQUE_TIMER = (canopen.RPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
-COMBINED_TIMER = (canopen.RPDO_PARAMETERS + 1, canopen.TPDO_EVENT_TIMER)
 # Objects of the torque, without which a drive cannot be used here.
 TORQUES = {cia402.TARGET_TORQUE: 'target torque', cia402.TORQUE_ACTUAL: 'torque actual'}
+# What to do about further objects that a drive lacks.
+HINTS = {
+    STATUS_TIMER: "its status needs SYNC: give drives.status_by: 'sync'",
+    cia402.RATED_TORQUE: 'verify by hand that 1000 per mille are drives.rated_torque, then give '
+    'drives.torque_unit: 0.0',
+    cia402.HEARTBEAT_CONSUMER: 'the drive does not notice a master that hangs: it cannot be used '
+    'here',
+    **dict.fromkeys(
+        TORQUES, 'the drive has no torque to command or to compare: it cannot be used here'
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
-class DriveRules:
+class DriveRules(Rules):
     """
     Rules for objects that a drive lacks: can_setup and the check at the start ask them.
 
@@ -58,42 +68,6 @@ class DriveRules:
 
     plan: Plan
     drive: DrivePlan
-
-    def excused(self, value: Present) -> set[Key]:
-        """
-        Return the objects that may differ, by the present values.
-
-        Parameters
-        ----------
-        value : callable
-            Present value of an object by index and subindex; None for an object it lacks.
-
-        Returns
-        -------
-        set of (int, int)
-            Always empty: each value of a drive matters.
-
-        """
-        return set()
-
-    def adapted(self, wanted: WantedObjects, value: Present) -> WantedObjects:
-        """
-        Return the wanted objects as they are: nothing depends on the present values.
-
-        Parameters
-        ----------
-        wanted : WantedObjects
-            Required objects.
-        value : callable
-            Present value of an object; not used.
-
-        Returns
-        -------
-        WantedObjects
-            `wanted`.
-
-        """
-        return wanted
 
     def remarks(self, value: Present) -> list[str]:
         """
@@ -111,7 +85,7 @@ class DriveRules:
 
         """
         return [
-            f'{shown(key)} was verified by hand (drives.verified_by_hand)'
+            f'{canopen.object_name(*key)} was verified by hand (drives.verified_by_hand)'
             for key in sorted(self.plan.verified)
         ]
 
@@ -135,35 +109,20 @@ class DriveRules:
         if value(*key) is not None:
             return ''
         plan = self.plan
+        to_verify = f'then give drives.verified_by_hand: {canopen.object_name(*key)}'
         if key == cia402.MAXIMUM_TORQUE:
             return (
                 'the drive has no cap of this kind: verify by hand that its limit of the current '
                 f'(EPOS4: 0x3001:02) allows at most {self.drive.cap} per mille of the rated '
-                f'torque, then give drives.verified_by_hand: {shown(key)}'
+                f'torque, {to_verify}'
             )
-        if key in (TORQUE_TIMER, COMBINED_TIMER):
+        if key in TORQUE_TIMERS:
             return (
                 'torque frames that stop then end the torque by the heartbeat alone, within '
                 f'{1e3 * plan.heartbeat_timeout:.0f} ms: verify by hand that the device may have '
-                f'its last torque for so long, then give drives.verified_by_hand: {shown(key)}'
+                f'its last torque for so long, {to_verify}'
             )
-        if key == STATUS_TIMER:
-            return "its status needs SYNC: give drives.status_by: 'sync'"
-        if key == cia402.RATED_TORQUE:
-            return (
-                'verify by hand that 1000 per mille are drives.rated_torque, then give '
-                'drives.torque_unit: 0.0'
-            )
-        if key == cia402.HEARTBEAT_CONSUMER:
-            return 'the drive does not notice a master that hangs: it cannot be used here'
-        if key in TORQUES:
-            return 'the drive has no torque to command or to compare: it cannot be used here'
-        return ''
-
-
-def shown(key: Key) -> str:
-    """Return index and subindex as they are usually written."""
-    return f'0x{key[0]:04X}:{key[1]:02X}'
+        return HINTS.get(key, '')
 
 
 def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
@@ -210,7 +169,7 @@ def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
     """
     control = _entry(cia402.CONTROLWORD, 16)
     torque = _entry(cia402.TARGET_TORQUE, 16)
-    timer = _timer(TORQUE_TIMER, 'RPDO1', plan.event_timer)
+    timer = _timer(TORQUE_TIMERS[0], 'RPDO1', plan.event_timer)
     rpdo = canopen.RPDO_PARAMETERS
     if not plan.combined:
         entries = [control, torque]
@@ -225,8 +184,8 @@ def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
             )
         ]
     left_out = INTEGER16 << 16 | 16
-    mapped = [torque if each is drive else left_out for each in plan.drives]
-    timer = _timer(COMBINED_TIMER, 'RPDO2', plan.event_timer)
+    mapped = [torque if other is drive else left_out for other in plan.drives]
+    timer = _timer(TORQUE_TIMERS[1], 'RPDO2', plan.event_timer)
     return [
         wanted_pdo(
             index=rpdo,

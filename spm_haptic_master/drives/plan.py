@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What checked settings make of the drives: units and frames of the bus, and its load.
+What checked settings make of the drives: units, times, and frames of the bus.
 
 Whatever contradicts something else is refused here, before a frame is sent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 from struct import pack, Struct
@@ -17,11 +16,8 @@ from typing import Any
 
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.decoder_factory import cycle_bits, frame_bits, make_layouts
-from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
-from spm_haptic_master.parameters.axes import AXES
 from spm_haptic_master.parameters.setting import Values
 
 # One turn a minute (rad/s).
@@ -34,16 +30,14 @@ BY_OWN_SYNC = 'sync'
 BY_ENCODER_SYNC = 'encoder_sync'
 # Largest transmission type of a PDO that is sent with every so many SYNC.
 LARGEST_SYNCS = 240
-# Event timers of the torque frames, and all objects that may be missing if verified by hand.
-TORQUE_TIMERS = frozenset(
+# Event timers of the frames with torques: of a drive with its controlword, and of all drives.
+TORQUE_TIMERS = tuple(
     (canopen.RPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER) for number in (0, 1)
 )
-VERIFIABLE = (cia402.MAXIMUM_TORQUE, *sorted(TORQUE_TIMERS))
+# All objects that may be missing if verified by hand.
+VERIFIABLE = (cia402.MAXIMUM_TORQUE, *TORQUE_TIMERS)
 # Fewest samples within the event timer of the torque frames.
 SAMPLES_WITHIN = 3
-# Largest share of a bus with drives (unit 1): torque frames wait for all that has a smaller
-# identifier, and emergencies and SDO come beside them.
-MAXIMUM_LOAD = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +267,7 @@ def make_plan(values: Values) -> Plan:
         heartbeat=values['drives.heartbeat'],
         heartbeat_timeout=values['drives.heartbeat_timeout'],
         # Drives without that timer have only the heartbeat.
-        event_timer=0.0 if verified & TORQUE_TIMERS else values['drives.event_timer'],
+        event_timer=values['drives.event_timer'] if verified.isdisjoint(TORQUE_TIMERS) else 0.0,
         status_syncs=_status_syncs(values),
         sends_sync=values['drives.status_by'] == BY_OWN_SYNC,
         verified=verified,
@@ -366,7 +360,7 @@ def _verified(text: str) -> frozenset[tuple[int, int]]:
             raise SettingError(
                 'drives.verified_by_hand',
                 text,
-                'objects out of ' + ', '.join(f'0x{i:04X}:{s:02X}' for i, s in VERIFIABLE),
+                'objects out of ' + ', '.join(canopen.object_name(*key) for key in VERIFIABLE),
             )
         found.add(key)
     return frozenset(found)
@@ -442,180 +436,3 @@ def _check_times(values: Values) -> None:
     ):
         if values[name] < shortest - 1e-9:
             raise SettingError(name, values[name], f'at least {shortest:g} s: {why}')
-
-
-def is_shared(drives: Values, encoders: Values) -> bool:
-    """
-    Return whether the drives are on the bus of the encoders.
-
-    Parameters
-    ----------
-    drives, encoders : Values
-        Checked values of the settings of both.
-
-    """
-    return bool(drives['drives.channel']) and all(
-        drives[f'drives.{name}'] == encoders[f'can.{name}'] for name in ('interface', 'channel')
-    )
-
-
-def check_shared_bus(drives: Values, encoders: Values) -> None:
-    """
-    Refuse drives that do not fit on the bus of the encoders, if they share it.
-
-    Parameters
-    ----------
-    drives, encoders : Values
-        Checked values of the settings of both.
-
-    Raises
-    ------
-    SettingError
-        Two sources of SYNC or none, a node id or an identifier that both have, or too much load.
-
-    """
-    _check_sync(drives, encoders)
-    if not is_shared(drives, encoders):
-        return
-    plan = make_plan(drives)
-    layouts = make_layouts(encoders)
-    sync = bool(encoders['encoders.sync_id'])
-    _check_node_ids(drives, encoders)
-    _check_identifiers(plan, layouts, encoders)
-    check_load(
-        plan,
-        drives['drives.bitrate'] or encoders['can.bitrate'],
-        ('SYNC and encoders' if sync else 'encoders', cycle_bits(layouts, sync), encoders['rate']),
-    )
-
-
-def _check_sync(drives: Values, encoders: Values) -> None:
-    """Refuse two sources of SYNC on one bus, or none: SettingError."""
-    source = drives['drives.status_by']
-    sync_id = encoders['encoders.sync_id']
-    if not is_shared(drives, encoders):
-        if source == BY_ENCODER_SYNC:
-            raise SettingError('drives.status_by', source, 'drives on the bus of the encoders')
-        return
-    if source == BY_OWN_SYNC and sync_id:
-        raise SettingError(
-            'drives.status_by', source, f"'{BY_ENCODER_SYNC}' on a bus that has SYNC already"
-        )
-    if source == BY_ENCODER_SYNC and sync_id != canopen.SYNC_ID:
-        raise SettingError('encoders.sync_id', sync_id, 'the SYNC that the drives know (0x80)')
-
-
-def _check_node_ids(drives: Values, encoders: Values) -> None:
-    """Refuse a node id of a drive, or of this master, that an encoder has: SettingError."""
-    node_ids = {*drives['drives.node_id'], drives['drives.master_id']}
-    nodes = {f'{axis}.node_id': (encoders[f'{axis}.node_id'],) for axis in AXES}
-    if encoders['can.protocol'] == 'canopen':
-        nodes['encoders.node_id'] = encoders['encoders.node_id']
-    for setting, others in nodes.items():
-        taken = node_ids.intersection(others)
-        if taken:
-            raise SettingError(
-                'drives.node_id',
-                list(drives['drives.node_id']),
-                f'node ids that no encoder has ({min(taken)} is in {setting}), nor '
-                'drives.master_id',
-            )
-
-
-def _check_identifiers(
-    plan: Plan,
-    layouts: Sequence[EncoderLayout],
-    encoders: Values,
-) -> None:
-    """Refuse an identifier of an encoder that drives or this master use: SettingError."""
-    used = _identifiers(plan)
-    for layout in layouts:
-        if not layout.extended and layout.can_id in used:
-            raise SettingError(
-                'encoders.id',
-                list(encoders['encoders.id']),
-                f'identifiers that no drive uses, nor this master (0x{layout.can_id:X} of '
-                f'{layout.joint} is one of them)',
-            )
-    for axis in AXES:
-        identifier = encoders[f'{axis}.id']
-        if not encoders[f'{axis}.extended'] and identifier in used:
-            raise SettingError(
-                f'{axis}.id',
-                identifier,
-                f'an identifier that no drive uses, nor this master (0x{identifier:X})',
-            )
-
-
-def _identifiers(plan: Plan) -> set[int]:
-    """
-    Return the identifiers of all frames that drives send or take, and of this master's.
-
-    All RPDOs are among them: the data of a foreign frame would be a command.
-    """
-    bases = (
-        canopen.EMCY_BASE,
-        canopen.TPDO_BASES[0],
-        *canopen.RPDO_BASES,
-        canopen.SDO_ANSWER_BASE,
-        canopen.SDO_REQUEST_BASE,
-        canopen.HEARTBEAT_BASE,
-    )
-    used = {base + drive.node_id for base in bases for drive in plan.drives}
-    used.add(canopen.HEARTBEAT_BASE + plan.master_id)
-    if plan.sends_sync:
-        used.add(canopen.SYNC_ID)
-    return used
-
-
-def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> None:
-    """
-    Refuse a bus that cannot carry the worst case of the drives' frames.
-
-    Parameters
-    ----------
-    plan : Plan
-        All drives on their bus.
-    bitrate : int
-        Bit rate, bit/s; nothing is checked at 0.
-    *encoders : tuple of (str, int, float)
-        Encoders on the same bus: name, bits of a cycle, and rate, Hz.
-
-    Raises
-    ------
-    SettingError
-        The load is beyond MAXIMUM_LOAD; the text has the arithmetic.
-
-    """
-    if not bitrate:
-        return
-    count = len(plan.drives)
-    sample = torque_frames(plan, [0] * count, [0] * count, False)
-    parts = [
-        *encoders,
-        ('torque', sum(frame_bits(len(data), False) for _, data in sample), 1.0 / plan.period),
-        ('status', count * frame_bits(STATUS.size, False), 1.0 / plan.status_period),
-        (
-            'heartbeats',
-            (count + 1) * frame_bits(canopen.HEARTBEAT_LENGTH, False),
-            1.0 / plan.heartbeat,
-        ),
-    ]
-    if plan.sends_sync:
-        parts.append(('SYNC', frame_bits(0, False), 1.0 / plan.status_period))
-    if plan.combined:
-        parts.append(('controlwords', count * frame_bits(2, False), 1.0 / plan.heartbeat))
-    load = sum(bits * rate for _, bits, rate in parts) / bitrate
-    if load > MAXIMUM_LOAD:
-        shown = ' + '.join(f'{name} {bits} bits x {rate:g} Hz' for name, bits, rate in parts)
-        remedy = (
-            (['a second bus (drives.channel)'] if encoders else [])
-            + ([] if plan.combined else ['one frame with all torques (drives.combined)'])
-            + ['a lower rate']
-        )
-        raise SettingError(
-            'drives.bitrate',
-            bitrate,
-            f'{" or ".join(remedy)}: {shown} = {100.0 * load:.0f} % '
-            f'bus load, beyond {100.0 * MAXIMUM_LOAD:.0f} %',
-        )

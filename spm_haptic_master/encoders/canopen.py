@@ -458,6 +458,11 @@ def sdo_answer(
     )
 
 
+def object_name(index: int, subindex: int) -> str:
+    """Return an object as it is usually written, such as '0x1018:04'."""
+    return f'0x{index:04X}:{subindex:02X}'
+
+
 def sdo_object(data: bytes | bytearray) -> tuple[int, int]:
     """Return the index and subindex of an SDO frame's object."""
     return int.from_bytes(data[1:3], 'little'), data[3]

@@ -177,7 +177,7 @@ class Node:
             The node does not answer, or (RefusedError) refuses for another reason.
 
         """
-        with self._request(f'to read 0x{index:04X}:{subindex:02X}', 'SDO'):
+        with self._request(f'to read {protocol.object_name(index, subindex)}', 'SDO'):
             try:
                 with self._sdo.open(index, subindex, buffering=0) as answer:
                     size = answer.size
@@ -215,7 +215,7 @@ class Node:
             The node does not answer.
 
         """
-        name = f'0x{index:04X}:{subindex:02X}'
+        name = protocol.object_name(index, subindex)
         with self._request(f'0x{value:X} for {name}', f'while {name} is written'):
             self._sdo.download(index, subindex, value.to_bytes(size, 'little'))
 

@@ -9,7 +9,6 @@ The answer is only as good as the file: the device itself is compared by `node_s
 
 from __future__ import annotations
 
-from collections.abc import Collection
 import configparser
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -177,10 +176,7 @@ class DeviceDescription:
         for each in wanted.every:
             found = self.find(*each.key)
             words = 'not in the EDS' if found is None else found.words
-            lines.append(
-                f'0x{each.index:04X}:{each.subindex:02X} {each.name}: {words}; '
-                f'wanted {each.shown(each.value)}'
-            )
+            lines.append(f'{each.address} {each.name}: {words}; wanted {each.shown(each.value)}')
         return lines
 
     def impossible(self, wanted: WantedObjects) -> list[str]:
@@ -200,11 +196,9 @@ class DeviceDescription:
         """
         values = {each.key: self._default(each.key) for each in wanted.every}
         defaults = Comparison(wanted, values)
-        excused: Collection[Key] = ()
-        if wanted.rules:
-            adapted = wanted.rules.adapted(wanted, defaults.value)
-            defaults = replace(defaults, wanted=adapted)
-            excused = wanted.rules.excused(defaults.value)
+        adapted = wanted.rules.adapted(wanted, defaults.value)
+        defaults = replace(defaults, wanted=adapted)
+        excused = wanted.rules.excused(defaults.value)
         lines = []
         for each in defaults.wanted.every:
             found = self.find(*each.key)
@@ -212,7 +206,7 @@ class DeviceDescription:
                 continue
             if reason := _obstacle(each, found):
                 lines.append(
-                    f'0x{each.index:04X}:{each.subindex:02X} {each.name}: {reason}, wanted '
+                    f'{each.address} {each.name}: {reason}, wanted '
                     f'{each.shown(each.value)}{defaults.hint(each.key)}'
                 )
         return lines

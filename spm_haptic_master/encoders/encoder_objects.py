@@ -17,6 +17,7 @@ from spm_haptic_master.encoders.node_setup import (
     Key,
     other_tpdos_off,
     Present,
+    Rules,
     wanted_pdo,
     WantedObject,
     WantedObjects,
@@ -29,7 +30,7 @@ TIME_MAXIMUM = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
-class EncoderRules:
+class EncoderRules(Rules):
     """
     Rules for the objects of an encoder: its resolution and its timers.
 
@@ -174,7 +175,8 @@ def _mapping_hint(index: int, value: Present) -> str:
     for entry in entries:
         if entry >> 8 == canopen.POSITION[0] << 8 | canopen.POSITION[1]:
             offset = place // 8
-        words.append(f'0x{entry >> 16:04X}:{entry >> 8 & 0xFF:02X} with {entry & 0xFF} bits')
+        name = canopen.object_name(entry >> 16, entry >> 8 & 0xFF)
+        words.append(f'{name} with {entry & 0xFF} bits')
         place += entry & 0xFF
     if offset is None:
         return f'it sends {", ".join(words) or "nothing"}, and no position'

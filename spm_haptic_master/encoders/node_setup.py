@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_network import Node, RefusedError
@@ -68,6 +67,11 @@ class WantedObject:
         """Return index and subindex."""
         return self.index, self.subindex
 
+    @property
+    def address(self) -> str:
+        """Return index and subindex as they are usually written, such as '0x1018:04'."""
+        return canopen.object_name(*self.key)
+
     def holds(self, present: int | None) -> bool:
         """Return whether a value is as wanted; None stands for no such object."""
         if present is None:
@@ -88,7 +92,7 @@ class WantedObject:
             wanted = self.shown(self.value)
         else:
             wanted = 'any value'
-        return f'0x{self.index:04X}:{self.subindex:02X} {self.name}: {shown}, wanted {wanted}'
+        return f'{self.address} {self.name}: {shown}, wanted {wanted}'
 
     def shown(self, value: int) -> str:
         """Return a value as it is usually written."""
@@ -122,9 +126,9 @@ class WantedPdo:
         return (self.identifier, *self.parameters, *self.mapping)
 
 
-class Rules(Protocol):
+class Rules:
     """
-    Rules for the objects of a node, taken together.
+    Rules for the objects of a node, taken together; these are none.
 
     `value` returns the present value of an object by index and subindex, None if the node has
     none.
@@ -132,15 +136,19 @@ class Rules(Protocol):
 
     def excused(self, value: Present) -> set[Key]:
         """Return the keys of objects whose values do not matter, as others are right."""
+        return set()
 
     def adapted(self, wanted: WantedObjects, value: Present) -> WantedObjects:
         """Return the wanted objects of a device that has these values."""
+        return wanted
 
     def remarks(self, value: Present) -> list[str]:
         """Return in lines what no object of this node says or does."""
+        return []
 
     def hint(self, key: Key, value: Present) -> str:
         """Return what to do about an object that cannot be written; empty if nothing is known."""
+        return ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,14 +162,14 @@ class WantedObjects:
         Its PDOs.
     others : tuple of WantedObject
         All other objects.
-    rules : Rules or None
-        Which differences do not matter, and what to do about the others; None without any.
+    rules : Rules
+        Which differences do not matter, and what to do about the others.
 
     """
 
     pdos: tuple[WantedPdo, ...]
     others: tuple[WantedObject, ...]
-    rules: Rules | None = None
+    rules: Rules
 
     @property
     def every(self) -> tuple[WantedObject, ...]:
@@ -326,10 +334,7 @@ class Comparison:
     @property
     def different(self) -> dict[WantedObject, int | None]:
         """Return the objects that are not as wanted, and their values."""
-        rules = self.wanted.rules
-        excused = set()
-        if rules:
-            excused = rules.excused(self.value)
+        excused = self.wanted.rules.excused(self.value)
         found = {}
         for each in self.wanted.every:
             value = self.values[each.key]
@@ -357,14 +362,11 @@ class Comparison:
     def remarks(self) -> list[str]:
         """Return in lines what the node does not have and need not have."""
         absent = [each for each in self.wanted.every if self.values[each.key] is None]
-        need_not = [f'0x{each.index:04X}:{each.subindex:02X}' for each in absent if each.optional]
+        need_not = [each.address for each in absent if each.optional]
         found = []
         if need_not:
             found.append(f'it has no {", ".join(need_not)}, and need not have')
-        rules = self.wanted.rules
-        if rules:
-            found += rules.remarks(self.value)
-        return found
+        return found + self.wanted.rules.remarks(self.value)
 
     def hint(self, key: Key) -> str:
         """
@@ -381,10 +383,7 @@ class Comparison:
             The remedy behind a semicolon; empty if nothing is known.
 
         """
-        rules = self.wanted.rules
-        if not rules:
-            return ''
-        hint = rules.hint(key, self.value)
+        hint = self.wanted.rules.hint(key, self.value)
         return f'; {hint}' if hint else ''
 
 
@@ -406,8 +405,7 @@ def compare(node: Node, wanted: WantedObjects) -> Comparison:
 
     """
     values = {each.key: _read(node, each) for each in wanted.every}
-    if wanted.rules:
-        wanted = wanted.rules.adapted(wanted, lambda index, subindex: values[index, subindex])
+    wanted = wanted.rules.adapted(wanted, lambda index, subindex: values[index, subindex])
     return Comparison(wanted, values)
 
 
@@ -483,8 +481,6 @@ def _write_different(node: Node, found: Comparison) -> None:
 
 def _excused(node: Node, wanted: WantedObjects) -> set[Key]:
     """Return the objects of a node, as it is now, whose values do not matter."""
-    if wanted.rules is None:
-        return set()
     return wanted.rules.excused(lambda index, subindex: _read_optional(node, (index, subindex)))
 
 
@@ -560,7 +556,6 @@ def _write(
         return
     present, size = node.read(*wanted.key)
     if present is None or wanted.holds(present):
-        return
         return
     try:
         # An answer need not have its size.

@@ -13,7 +13,7 @@ import time
 from rclpy.duration import Duration
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from spm_haptic_master.drives.plan import is_shared
+from spm_haptic_master.drives.shared_bus import is_shared
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.encoders.single_axis import SingleAxis
 from spm_haptic_master.encoders.source import JointSample

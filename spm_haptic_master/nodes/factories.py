@@ -8,7 +8,8 @@ from __future__ import annotations
 from math import radians
 from typing import NoReturn
 
-from spm_haptic_master.drives.drives import Drives, make_drives
+from spm_haptic_master.drives.drive_factory import make_drives
+from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.force import ForceController, ForceLimits, Gravity
 from spm_haptic_master.force.controller import GAP

@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from spm_haptic_master.drives.plan import check_shared_bus
+from spm_haptic_master.drives.shared_bus import check_shared_bus
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE

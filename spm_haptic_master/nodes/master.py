@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from rclpy.node import Node
 from rclpy.task import Future
-from spm_haptic_master.drives.plan import check_shared_bus
+from spm_haptic_master.drives.shared_bus import check_shared_bus
 from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver

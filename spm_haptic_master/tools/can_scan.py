@@ -9,7 +9,8 @@ import argparse
 from functools import partial
 import sys
 
-from spm_haptic_master.drives.plan import is_shared, make_plan
+from spm_haptic_master.drives.plan import make_plan
+from spm_haptic_master.drives.shared_bus import is_shared
 from spm_haptic_master.encoders import (
     canopen,
     dbc_file,

@@ -9,7 +9,8 @@ import argparse
 from typing import Any
 
 from spm_haptic_master.drives.drive_objects import drive_objects
-from spm_haptic_master.drives.plan import check_shared_bus, make_plan
+from spm_haptic_master.drives.plan import make_plan
+from spm_haptic_master.drives.shared_bus import check_shared_bus
 from spm_haptic_master.encoders import (
     canopen,
     canopen_network,

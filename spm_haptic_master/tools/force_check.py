@@ -23,7 +23,7 @@ from spm_haptic_master.calibration.motor_bring_up import (
     StepResponse,
     wiring_faults,
 )
-from spm_haptic_master.drives.drives import make_unchecked_drives
+from spm_haptic_master.drives.drive_factory import make_unchecked_drives
 from spm_haptic_master.drives.passed_check import PassedCheck
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity

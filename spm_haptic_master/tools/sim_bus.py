@@ -13,7 +13,8 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.drives.plan import check_shared_bus, make_plan
+from spm_haptic_master.drives.plan import make_plan
+from spm_haptic_master.drives.shared_bus import check_shared_bus
 from spm_haptic_master.encoders import recording_files
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder

@@ -40,12 +40,12 @@ class Rig:
     `sent` has time (s) and message of each frame of the master; `report` is its last one.
     """
 
-    def __init__(self, faults=(), plan=None, factory=False):
+    def __init__(self, faults=(), plan=None, factory=False, check=None):
         channel = uuid.uuid4().hex
         self.plan = plan or make_test_plan()
         self.bus = can.Bus(interface='virtual', channel=channel)
         self.other = can.Bus(interface='virtual', channel=channel)
-        self.drives = Drives(self.plan, lambda: self.bus, 'virtual test')
+        self.drives = Drives(self.plan, lambda: self.bus, 'virtual test', check)
         self.simulation = SimulatedDrives(self.plan, faults, factory)
         self.drive = self.simulation.drives
         self.now = 100.0

@@ -42,7 +42,7 @@ def send(drive, identifier, data, now):
 def trouble(drive, now, operate=True):
     """Return what is wrong with a drive at a time, s."""
     drive.now = now
-    return drive.trouble(operate)
+    return drive.fault(operate)
 
 
 def status(drive, now, word=ENABLED, torque=0, mode=10, beats=True):
@@ -66,7 +66,7 @@ def follow(drive, commands, late, share=1.0):
     """
     found = []
     for number, command in enumerate(commands):
-        drive.command(command)
+        drive.torques.command(command)
         if number % STATUS_PERIOD == 0:
             status(
                 drive,
@@ -128,7 +128,7 @@ def test_a_torque_may_be_off_by_a_fifth_of_its_command_or_of_a_quarter_of_the_ca
     drive, command, torque, fails
 ):
     for number in range(30):
-        drive.command(command)
+        drive.torques.command(command)
         status(drive, number * 4 * MS, torque=torque if number > 5 else command)
     assert (trouble(drive, 0.117) is not None) is fails
 
@@ -139,7 +139,7 @@ def test_a_torque_is_a_fault_after_50_ms_off_its_command(drive):
     def run(begin, end, torque):
         found = []
         for now in range(begin, end, STATUS_PERIOD):
-            drive.command(400)
+            drive.torques.command(400)
             status(drive, now * MS, torque=torque)
             found.append(trouble(drive, now * MS))
         return found

@@ -11,6 +11,7 @@ import pytest
 from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.simulation.fault_injection import parse_fault
+from spm_haptic_master.timing import Periodic
 
 ZERO = (0.0, 0.0, 0.0)
 TORQUES = (0.1, -0.2, 0.05)
@@ -165,7 +166,7 @@ def test_drives_send_their_status_on_sync_of_this_master():
         since = rig.now - 0.04
         syncs = [at for at, each in rig.sent if each.arbitration_id == 0x80 and at >= since]
         assert len(syncs) == pytest.approx(10, abs=1)
-        rig.drives._send_sync = lambda: None
+        rig.drives._syncs = Periodic(inf)
         report = rig.run(TORQUES, 0.05)
         assert 'no status frame for' in report.fault
 

@@ -8,7 +8,7 @@ import time
 from benchmarks.pipeline.child_process import wait_until
 from drive_rig import drive_values
 import pytest
-from spm_haptic_master.drives.drives import make_unchecked_drives
+from spm_haptic_master.drives.drive_factory import make_unchecked_drives
 
 pytestmark = pytest.mark.process
 

@@ -122,7 +122,12 @@ def test_a_drive_without_a_target_torque_is_refused_and_not_written(channel, set
 
 def started(channel, plan, until):
     """Step drives on a channel until a condition on report and drives holds; return both."""
-    drives = Drives(plan, lambda: can.Bus(interface='virtual', channel=channel), 'virtual')
+    drives = Drives(
+        plan=plan,
+        open_bus=lambda: can.Bus(interface='virtual', channel=channel),
+        name='virtual',
+        check=None,
+    )
     end = time.monotonic() + PATIENCE
     try:
         while time.monotonic() < end:

@@ -8,7 +8,7 @@ import json
 from drive_rig import drive_values, Rig
 from harness import SIMULATED_CHECK
 import pytest
-from spm_haptic_master.drives.drives import make_drives
+from spm_haptic_master.drives.drive_factory import make_drives
 from spm_haptic_master.drives.passed_check import read_check
 from spm_haptic_master.exceptions import InputError, SettingError
 
@@ -93,8 +93,7 @@ def test_a_file_whose_values_are_none_is_named(file, changed):
 def test_another_drive_than_the_checked_one_gets_no_torque(file, name):
     """Two drives that were exchanged, or a new one, may turn another way."""
     check = read_check(file(identity={name: 99}))
-    with Rig() as rig:
-        rig.drives.require(check)
+    with Rig(check=check) as rig:
         report = rig.run(TORQUES, 2.0)
         assert not report.ready
         assert report.fault.startswith('drive of joint_1b (node 12): vendor 0x0, product 0x')
@@ -109,8 +108,7 @@ def test_the_check_of_drives_is_the_one_that_they_need(tmp_path):
         rig.drives.passed_check('2026-11-26T12:00:00Z').write(path)
     found = read_check(path)
     assert found.drives == read_check(SIMULATED_CHECK).drives
-    with Rig() as rig:
-        rig.drives.require(found)
+    with Rig(check=found) as rig:
         rig.ready(TORQUES)
     with pytest.raises(InputError, match='cannot be written'):
         found.write(tmp_path / 'none' / 'check.json')

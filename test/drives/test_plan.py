@@ -6,8 +6,9 @@
 from drive_rig import drive_values, make_test_plan
 from encoder_frames import values
 import pytest
-from spm_haptic_master.drives.drives import make_unchecked_drives
-from spm_haptic_master.drives.plan import check_shared_bus, torque_frames
+from spm_haptic_master.drives.drive_factory import make_unchecked_drives
+from spm_haptic_master.drives.plan import torque_frames
+from spm_haptic_master.drives.shared_bus import check_shared_bus
 from spm_haptic_master.exceptions import SettingError
 
 MBIT = 1_000_000
@@ -188,6 +189,11 @@ def test_the_sync_of_the_encoders_is_on_their_bus_alone():
             '1000 Hz + torque 115 bits x 1000 Hz + status 315 bits x 250 Hz + heartbeats '
             '260 bits x '
             '50 Hz + controlwords 225 bits x 50 Hz = 131 % bus load',
+        ),
+        (
+            {'drives__combined': True, 'encoders': {'insertion__id': 9}},
+            'drives.bitrate',
+            'SYNC and encoders 435 bits x 1000 Hz + insertion 95 bits x 1000 Hz + torque',
         ),
         (
             {'drives__combined': True, 'drives__node_id': [4, 5, 6]},
