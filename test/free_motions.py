@@ -69,18 +69,16 @@ def sensor_errors(found, rig, zeros):
 
 def poses(count, seed=3):
     """Return orientations of a motion within reach of rigs near the drawing."""
+    found = motion_of_poses(seed)
+    return found[:: len(found) // count][:count].copy()
+
+
+@cache
+def motion_of_poses(seed):
+    """Return all orientations of that motion."""
     rig = perfect_rig(Geometry(), 0.0)
-    found = hand_motion(
-        rig,
-        Condition(
-            'poses',
-            tilt=17.0,
-            turn_from=5.0,
-            turn_to=85.0,
-        ),
-        seed,
-    )
-    return found[:: len(found) // count][:count]
+    condition = Condition('poses', tilt=17.0, turn_from=5.0, turn_to=85.0)
+    return hand_motion(rig, condition, seed)
 
 
 def random_vector(model, seed, size=0.005):

@@ -485,6 +485,10 @@ def test_one_sensor_that_fits_alone_is_named(monkeypatch):
     # Angles that fit nothing as they are may fit after one slip.
     found = verdict(monkeypatch, of_sensors(np.inf, 20.0, np.inf, np.inf, fits=(1,)), None)
     assert found.changed.sensor == 1
+    # Two that leave next to nothing are not told apart by less than three deviations.
+    found = verdict(monkeypatch, of_sensors(np.inf, 0.5, 9.3, np.inf, fits=(1, 2)), None)
+    assert found.changed is None
+    assert len(found.candidates) == 2
 
 
 def test_sensors_that_fit_about_as_well_are_candidates(monkeypatch):
