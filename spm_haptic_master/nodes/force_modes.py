@@ -19,7 +19,7 @@ from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.qos import EVENTS
-from spm_haptic_master.teleoperation.command_limits import unit_quaternion
+from spm_haptic_master.teleoperation.vectors import unit_quaternion
 from std_msgs.msg import Bool, Empty, Float64
 
 Value = TypeVar('Value')

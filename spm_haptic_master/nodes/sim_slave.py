@@ -22,13 +22,12 @@ from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY,
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.teleoperation.command import Pose
-from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 from spm_haptic_master.teleoperation.remote_centre import (
     depth_of,
     distance_from_shaft,
     MILLIMETRES,
 )
-from spm_haptic_master.teleoperation.vectors import FloatVector, rotate, ZERO
+from spm_haptic_master.teleoperation.vectors import FloatVector, rotate, unit_quaternion, ZERO
 
 # Longest time that the slave moves in one step (s): a process that was stopped does not jump.
 LONGEST_STEP = 0.05

@@ -133,7 +133,7 @@ def _limits(values: Values) -> CommandLimits:
         acceleration=values['teleop.acceleration_limit'],
         jump=radians(values['teleop.jump_limit_deg']),
         slews=values['teleop.limit_action'] == 'slew',
-        longest=LONGEST_STEP * command_period(values),
+        longest_step=LONGEST_STEP * command_period(values),
     )
 
 
@@ -194,7 +194,7 @@ def _centre(values: Values) -> RemoteCentreSettings:
             speed=values['teleop.insertion_speed_limit'],
             acceleration=values['teleop.insertion_acceleration_limit'],
             slews=values['teleop.limit_action'] == 'slew',
-            longest=LONGEST_STEP * command_period(values),
+            longest_step=LONGEST_STEP * command_period(values),
         ),
         largest_tilt=_limit_rad(values['teleop.tilt_limit_deg']),
         shaft=_shaft(values),

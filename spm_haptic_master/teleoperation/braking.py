@@ -12,6 +12,9 @@ from __future__ import annotations
 
 from math import sqrt
 
+# Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
+ROUNDING = 1e-9
+
 
 def braking_speed(
     room: float,
@@ -47,13 +50,13 @@ def braking_speed(
 def closing_speed(
     distance: float,
     dt: float,
-    gain: float,
+    speed_change: float,
 ) -> float:
     """
     Return the largest speed from which equal steps end exactly at a distance.
 
-    n full steps, each slower than the one before by `gain`, and one that covers what is left:
-    the sum of gain dt (1 + 2 + ... + n) is the distance that n full steps cover.
+    n full steps, each slower than the one before by `speed_change`, and one that covers the rest:
+    the sum of speed_change dt (1 + 2 + ... + n) is the distance that n full steps cover.
 
     Parameters
     ----------
@@ -61,7 +64,7 @@ def closing_speed(
         Distance to cover, rad or m, 0 or more.
     dt
         Duration of each step, s.
-    gain
+    speed_change
         Largest change of the speed from one step to the next, rad/s or m/s.
 
     Returns
@@ -70,5 +73,5 @@ def closing_speed(
         Speed of the next step, rad/s or m/s.
 
     """
-    full_steps = int(0.5 * (sqrt(1.0 + 8.0 * distance / (gain * dt)) - 1.0))
-    return 0.5 * gain * full_steps + distance / ((full_steps + 1) * dt)
+    full_steps = int(0.5 * (sqrt(1.0 + 8.0 * distance / (speed_change * dt)) - 1.0))
+    return 0.5 * speed_change * full_steps + distance / ((full_steps + 1) * dt)

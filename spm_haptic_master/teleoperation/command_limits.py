@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.rotations import (
@@ -15,21 +14,16 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_between,
 )
 from spm_haptic_master.kinematics.vectors import added, scaled, subtracted
-from spm_haptic_master.teleoperation.braking import braking_speed, closing_speed
+from spm_haptic_master.teleoperation.braking import braking_speed, closing_speed, ROUNDING
 from spm_haptic_master.teleoperation.tilt_cone import TiltCone
 from spm_haptic_master.teleoperation.vectors import (
     FloatQuaternion,
     FloatVector,
     moved_toward,
     norm,
+    unit_quaternion,
     ZERO,
 )
-
-# Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
-ROUNDING = 1e-9
-# Largest deviation of a pose's squared norm from 1 (unit 1): a controller in single precision
-# passes, a quaternion of zeros or of other numbers does not.
-NORM_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +37,7 @@ class CommandLimits:
     slews: bool
     # Longest time for which the command catches up in one step, s: after a pause it moves no
     # farther than in this time at `speed`, unless it cannot brake so soon.
-    longest: float
+    longest_step: float
 
 
 class Step(NamedTuple):
@@ -51,7 +45,7 @@ class Step(NamedTuple):
 
     dt: float  # s since the last command
     speed: float  # largest speed, rad/s
-    gain: float  # largest change of the velocity, rad/s
+    velocity_change: float  # largest change of the velocity, rad/s
 
 
 class LimitedRotation:
@@ -69,8 +63,7 @@ class LimitedRotation:
     ) -> None:
         self._limits = limits
         self._cone = cone
-        # Where the target was at the last step; None where the command had reached it.
-        self._target: FloatQuaternion | None = None
+        self._target = rotation  # at the last step
         self.rotation = rotation  # its sign is continuous
         self.velocity = ZERO  # rad/s, base frame
         # Tilt of the shaft, rad; not used without a cone.
@@ -102,83 +95,82 @@ class LimitedRotation:
         error = rotation_between(self.rotation, target)
         if not limits.slews and norm(error) > limits.jump:
             return 'jump'
-        covered = min(limits.speed * min(dt, limits.longest), limits.jump)
-        step = Step(dt, speed=covered / dt, gain=limits.acceleration * dt)
+        covered = min(limits.speed * min(dt, limits.longest_step), limits.jump)
+        step = Step(
+            dt=dt,
+            speed=covered / dt,
+            velocity_change=limits.acceleration * dt,
+        )
         wanted = scaled(1.0 / dt, error)
-        moving = wanted
-        if self._target is not None:
-            moving = scaled(1.0 / dt, rotation_between(self._target, target))
-        broken = self._broken_by(wanted, moving, step)
+        target_velocity = scaled(1.0 / dt, rotation_between(self._target, target))
+        broken = self._broken_by(wanted, target_velocity, step)
         if broken and not limits.slews:
             return broken
         if broken:
-            return self._slew(target, moving, step)
-        self._target = None
-        self._move_to(target, wanted, target, dt)
+            return self._slew(target, target_velocity, step)
+        self._target = target
+        self._move_to(target, wanted, dt)
         return ''
 
     def restart(self) -> None:
         """Take the next target as one to move to from here: what the command is behind is lost."""
-        self._target = None
+        self._target = self.rotation
 
     def _broken_by(
         self,
         wanted: FloatVector,
-        moving: FloatVector,
+        target_velocity: FloatVector,
         step: Step,
     ) -> str:
         """Return which limit a step at the wanted velocity would break; empty if none."""
         if norm(wanted) > (1.0 + ROUNDING) * step.speed:
             return 'speed'
-        gain = (1.0 + ROUNDING) * step.gain
-        if norm(subtracted(wanted, self.velocity)) > gain:
+        change = (1.0 + ROUNDING) * step.velocity_change
+        if norm(subtracted(wanted, self.velocity)) > change:
             return 'acceleration'
         # Where it has caught up, it must not be faster than the target by too much.
-        if moving is not wanted and norm(subtracted(wanted, moving)) > gain:
+        if norm(subtracted(wanted, target_velocity)) > change:
             return 'acceleration'
         return ''
 
     def _slew(
         self,
         target: FloatQuaternion,
-        moving: FloatVector,
+        target_velocity: FloatVector,
         step: Step,
     ) -> str:
         """Move as far towards the target as the limits allow; return a limit that cannot hold."""
-        velocity = self._slewed_velocity(moving, step)
+        velocity = self._slewed_velocity(target_velocity, step)
         if norm(velocity) * step.dt > (1.0 + ROUNDING) * self._limits.jump:
             return 'jump'
         self._target = target
         turned = quaternion_from_vector(*scaled(step.dt, velocity))
         moved = multiply_quaternions(turned, self.rotation)
         # A product of unit quaternions: only rounding is taken off.
-        self._move_to(unit_quaternion(moved) or self.rotation, velocity, target, step.dt)
+        self._move_to(unit_quaternion(moved) or self.rotation, velocity, step.dt)
         return ''
 
-    def _slewed_velocity(self, moving: FloatVector, step: Step) -> FloatVector:
+    def _slewed_velocity(self, target_velocity: FloatVector, step: Step) -> FloatVector:
         """Return the velocity to the moving target's last place, able to stay with it, rad/s."""
-        if self._target is None:
-            before = self.rotation
-        else:
-            before = self._target
-        error = rotation_between(self.rotation, before)
+        error = rotation_between(self.rotation, self._target)
         distance = norm(error)
         closing = ZERO
         if distance > 0.0:
-            closing = scaled(closing_speed(distance, step.dt, step.gain) / distance, error)
-        wanted = moved_toward(ZERO, added(closing, moving), step.speed)
-        velocity = moved_toward(self.velocity, wanted, step.gain)
+            closing = scaled(
+                closing_speed(distance, step.dt, step.velocity_change) / distance, error
+            )
+        wanted = moved_toward(ZERO, added(closing, target_velocity), step.speed)
+        velocity = moved_toward(self.velocity, wanted, step.velocity_change)
         if norm(velocity) > step.speed:
             # The limit is lower than at the last step where this one is longer: it brakes.
             slower = moved_toward(ZERO, self.velocity, step.speed)
-            velocity = moved_toward(self.velocity, slower, step.gain)
+            velocity = moved_toward(self.velocity, slower, step.velocity_change)
         return velocity
 
     def _move_to(
         self,
         rotation: FloatQuaternion,
         velocity: FloatVector,
-        target: FloatQuaternion,
         dt: float,
     ) -> None:
         """Take the next rotation, reached at a velocity; the cone may hold it back."""
@@ -187,7 +179,6 @@ class LimitedRotation:
             if kept is not rotation:
                 velocity = scaled(1.0 / dt, rotation_between(self.rotation, kept))
                 rotation = kept
-                self._target = target
         self.velocity = velocity
         x, y, z, w = rotation
         a, b, c, d = self.rotation
@@ -214,27 +205,3 @@ class LimitedRotation:
             return rotation
         self._tilt = allowed
         return cone.within(rotation, allowed)
-
-
-def unit_quaternion(quaternion: FloatQuaternion) -> FloatQuaternion | None:
-    """
-    Normalise a quaternion that another program sent.
-
-    Parameters
-    ----------
-    quaternion
-        Four numbers x, y, z, w.
-
-    Returns
-    -------
-    tuple of float, or None
-        The quaternion of norm 1; None for one that is not finite or too far from it.
-
-    """
-    x, y, z, w = quaternion
-    square = x * x + y * y + z * z + w * w
-    # Also false where a component is not a number.
-    if not abs(square - 1.0) < NORM_TOLERANCE:
-        return None
-    scale = 1.0 / sqrt(square)
-    return scale * x, scale * y, scale * z, scale * w

@@ -12,9 +12,13 @@ from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotatio
 from spm_haptic_master.kinematics.vectors import subtracted
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation.command import Pose
-from spm_haptic_master.teleoperation.command_limits import unit_quaternion
 from spm_haptic_master.teleoperation.remote_centre import RemoteCentreSettings
-from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm
+from spm_haptic_master.teleoperation.vectors import (
+    FloatQuaternion,
+    FloatVector,
+    norm,
+    unit_quaternion,
+)
 
 # Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
@@ -57,21 +61,55 @@ class Conditions:
     centre: RemoteCentreSettings
 
 
+class Rest:
+    """Whether the slave rests, by its poses: it stays near one of them for REST_TIME."""
+
+    def __init__(self) -> None:
+        # Pose near which it has stayed, None until its next one; time of this and the latest, s.
+        self._place: Pose | None = None
+        self._began = self._latest = -inf
+
+    def restart(self) -> None:
+        """Wait for rest from its next pose on."""
+        self._place = None
+
+    def note(self, pose: Pose, now: float) -> None:
+        """Note a pose that has come at a time, s."""
+        if self._place is None or not _is_near(self._place, pose):
+            self._place = pose
+            self._began = now
+        self._latest = now
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether it has stayed for long enough."""
+        return self._place is not None and self._latest - self._began >= REST_TIME - ROUNDING
+
+
+def _is_near(one: Pose, other: Pose) -> bool:
+    """Return whether two poses are those of a slave at rest."""
+    moved = norm(subtracted(one.position, other.position))
+    return moved <= REST_DISTANCE and rotation_distance(one.rotation, other.rotation) <= REST_ANGLE
+
+
 class Inputs:
     """The latest of each input and its age; only a unit quaternion counts as a rotation."""
 
     def __init__(self, conditions: Conditions) -> None:
         self._conditions = conditions
         self.now = 0.0  # time that has passed, s
-        # Times at which rotations and presence came, and the slave came to rest, s.
-        self._master_at = self._slave_at = self._rest_at = self.present_at = -inf
-        # Rotation of the master and pose of the slave in the slave's base frame.
+        # Rotation of the master, pose of the slave, in the slave's base frame, and when they came.
         self.master: FloatQuaternion | None = None
+        self._master_at = -inf
         self.slave: Pose | None = None
-        # Pose near which the slave has stayed; None until its next pose.
-        self._rest: Pose | None = None
-        self.level, self.level_at = nan, -inf  # protection level, rad
-        self.present = self.clutch = False
+        self._slave_at = -inf
+        self._rest = Rest()
+        # Protection level, rad, and presence of the surgeon, and when they came.
+        self._level = nan
+        self._level_at = -inf
+        self._is_pressed = False
+        self._pressed_at = -inf
+        self.clutch = False  # whether it is pressed
         self.state: OrientationState | None = None
         # Time of the enable in effect at the master, ns (0: none); None while the master does not
         # publish it.
@@ -114,9 +152,7 @@ class Inputs:
             self.slave = None
             return
         self.slave = Pose(rotation, pose.position)
-        if self._rest is None or not _is_near(self._rest, self.slave):
-            self._rest = self.slave
-            self._rest_at = self.now
+        self._rest.note(self.slave, self.now)
 
     def take_insertion(self, insertion: float) -> None:
         """Take the insertion of the master, m."""
@@ -125,7 +161,17 @@ class Inputs:
 
     def await_rest(self) -> None:
         """Wait for rest again before the slave follows: the last command may still move it."""
-        self._rest = None
+        self._rest.restart()
+
+    def take_presence(self, pressed: bool) -> None:
+        """Take whether the surgeon is present."""
+        self._is_pressed = pressed
+        self._pressed_at = self.now
+
+    def take_level(self, level: float) -> None:
+        """Take the protection level of the orientation, rad."""
+        self._level = level
+        self._level_at = self.now
 
     def blocking(self) -> str:
         """Return what forbids that the slave follows; empty if nothing does."""
@@ -135,6 +181,7 @@ class Inputs:
         return self._obstacle_of_level()
 
     def _obstacle_of_master(self) -> str:
+        """Return what of the master forbids that the slave follows; empty if nothing does."""
         if self.state is None:
             return 'no state of the orientation'
         if not self.state.publishes:
@@ -149,12 +196,14 @@ class Inputs:
         return self.force_fault
 
     def _obstacle_of_level(self) -> str:
-        if self.now - self.level_at > self._conditions.orientation_timeout:
+        """Return what of the protection level forbids it; empty if nothing does."""
+        if self.now - self._level_at > self._conditions.orientation_timeout:
             return 'no protection level'
-        is_low = self.level <= self._conditions.protection_limit
+        is_low = self._level <= self._conditions.protection_limit
         return '' if is_low else 'protection level above the limit'
 
     def _obstacle_of_slave(self) -> str:
+        """Return what of the slave or the insertion forbids it; empty if nothing does."""
         conditions = self._conditions
         if self.slave is None or self.now - self._slave_at > conditions.slave_timeout:
             return 'no pose of the slave'
@@ -169,12 +218,13 @@ class Inputs:
     @property
     def is_present(self) -> bool:
         """Whether the surgeon is present, by a message that is not too old."""
-        return self.present and self.now - self.present_at <= self._conditions.presence_timeout
+        age = self.now - self._pressed_at
+        return self._is_pressed and age <= self._conditions.presence_timeout
 
     @property
     def is_slave_at_rest(self) -> bool:
         """Whether the slave is still where its last pose was."""
-        return self._rest is not None and self._slave_at - self._rest_at >= REST_TIME - ROUNDING
+        return self._rest.is_reached
 
     @property
     def is_aligned(self) -> bool:
@@ -188,9 +238,3 @@ class Inputs:
         if self.master is None or self.slave is None:
             return None
         return rotation_distance(self.master, self.slave.rotation)
-
-
-def _is_near(one: Pose, other: Pose) -> bool:
-    """Return whether two poses are those of a slave at rest."""
-    moved = norm(subtracted(one.position, other.position))
-    return moved <= REST_DISTANCE and rotation_distance(one.rotation, other.rotation) <= REST_ANGLE

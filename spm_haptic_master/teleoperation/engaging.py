@@ -74,7 +74,7 @@ class Teleoperation:
         self._grid = StampGrid(conditions.command_rate, conditions.sample_rate)
         # Time that commands may still make up for, s: those of a burst, by their stamps as far
         # apart as ever, go out hardly faster than time passes.
-        self._budget = limits.longest + BURST
+        self._budget = limits.longest_step + BURST
         # The course of the slave; None while it is not engaged.
         self._following: Following | None = None
         # Where the slave pivots; kept while the clutch is pressed, None without a trocar.
@@ -113,7 +113,7 @@ class Teleoperation:
         """Let time pass, s: disengage if an input has become too old."""
         self._inputs.pass_time(dt)
         grown = self._budget + GROWTH * dt
-        self._budget = min(grown, self._limits.longest + BURST)
+        self._budget = min(grown, self._limits.longest_step + BURST)
         if self.phase is not Phase.DISENGAGED:
             self._release(self._blocking() or ('' if self._inputs.is_present else NO_PRESENCE))
         elif self._enabled_at is not None and (
@@ -164,8 +164,7 @@ class Teleoperation:
 
     def take_presence(self, pressed: bool) -> None:
         """Take the presence of the surgeon."""
-        self._inputs.present = pressed
-        self._inputs.present_at = self._inputs.now
+        self._inputs.take_presence(pressed)
         if not pressed:
             self._release(NO_PRESENCE)
 
@@ -239,8 +238,7 @@ class Teleoperation:
 
     def take_level(self, level: float) -> None:
         """Take the protection level of the orientation, rad."""
-        self._inputs.level = level
-        self._inputs.level_at = self._inputs.now
+        self._inputs.take_level(level)
         self._release(self._blocking())
 
     def take_master(self, stamp: int, quaternion: FloatQuaternion) -> Command | None:
@@ -272,34 +270,32 @@ class Teleoperation:
             return None
         if self._following is None:
             self._try_to_engage(stamp, master)
-        elif not self._is_advanced(self._following, stamp, master):
+        elif not self._advance(self._following, stamp, master):
             return None
         if self._following is None:
             return None
         return self._following.command
 
     def _is_next(self, stamp: int) -> bool:
-        """Return whether a stamp, ns, is to be used: not where it is older than the last."""
+        """Return whether a stamp, ns, is to be used: while it follows, none that is not newer."""
         before = self._stamp
+        if self.phase is not Phase.DISENGAGED and before is not None:
+            if stamp <= before:
+                return False
+            # Silence, even if all clocks have stood still meanwhile.
+            if stamp - before > self._conditions.orientation_timeout * SECOND:
+                self.disengage(NO_ORIENTATION)
         self._stamp = stamp
-        if self.phase is Phase.DISENGAGED or before is None:
-            return True
-        if stamp <= before:
-            self._stamp = before
-            return False
-        # Silence, even if all clocks have stood still meanwhile.
-        if stamp - before > self._conditions.orientation_timeout * SECOND:
-            self.disengage(NO_ORIENTATION)
         return True
 
-    def _is_advanced(
+    def _advance(
         self,
         following: Following,
         stamp: int,
         master: FloatQuaternion,
     ) -> bool:
-        """Return whether the command has moved; a limit that it would break disengages."""
-        used = min((stamp - following.stamp) / SECOND, self._limits.longest)
+        """Move the command, and return whether it has; a limit that it would break disengages."""
+        used = min((stamp - following.stamp) / SECOND, self._limits.longest_step)
         if used > self._budget:
             return False
         self._budget -= used

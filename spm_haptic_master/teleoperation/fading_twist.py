@@ -5,14 +5,22 @@
 
 from __future__ import annotations
 
-from spm_haptic_master.kinematics.vectors import scaled
-from spm_haptic_master.teleoperation.command import Motion
-from spm_haptic_master.teleoperation.vectors import moved_toward, norm, ZERO
+from typing import NamedTuple
 
-# Share by which a velocity may exceed a limit and still be followed exactly (unit 1): rounding.
-ROUNDING = 1e-9
+from spm_haptic_master.kinematics.vectors import scaled
+from spm_haptic_master.teleoperation.braking import ROUNDING
+from spm_haptic_master.teleoperation.command import Motion
+from spm_haptic_master.teleoperation.vectors import moved_toward, norm
+
 # Longest time in which a twist ends, whatever the acceleration (s): nobody leads it by then.
 FADE_LONGEST = 0.1
+
+
+class Fade(NamedTuple):
+    """A motion that is about to end."""
+
+    first: Motion  # at the beginning of the end
+    duration: float  # time in which it ends, s
 
 
 class FadingTwist:
@@ -44,9 +52,8 @@ class FadingTwist:
         self._zeros = zeros
         self._zeros_left = 0
         self._motion = Motion()
-        # Motion at the beginning of the end, the time in which it ends, and that has passed, s;
-        # None while there is a command.
-        self._fading: tuple[Motion, float, float] | None = None
+        self._fade: Fade | None = None  # None while there is a command
+        self._passed = 0.0  # time since the fade began, s
 
     def follow(self, motion: Motion, dt: float) -> Motion:
         """Return the motion of a command, or the nearest one within reach in `dt`, s."""
@@ -58,29 +65,27 @@ class FadingTwist:
             sliding=moved_toward(last.sliding, motion.sliding, gain * self._sliding_acceleration),
         )
         self._zeros_left = self._zeros
-        self._fading = None
+        self._fade = None
         return self._motion
 
     def fade(self, dt: float) -> Motion | None:
         """Return the motion after a further time `dt` without a command, s; None at the end."""
         if not self._zeros_left:
             return None
-        first, duration, passed = self._fading or (self._motion, self._duration(), 0.0)
-        passed += dt
-        self._fading = first, duration, passed
-        if passed < duration:
-            left = 1.0 - passed / duration
+        if self._fade is None:
+            self._fade = Fade(self._motion, self._duration())
+            self._passed = 0.0
+        self._passed += dt
+        first, duration = self._fade
+        if self._passed < duration:
+            left = 1.0 - self._passed / duration
             self._motion = Motion(
                 angular=scaled(left, first.angular),
                 lever=first.lever,
                 sliding=scaled(left, first.sliding),
             )
         else:
-            self._motion = Motion(
-                angular=ZERO,
-                lever=first.lever,
-                sliding=ZERO,
-            )
+            self._motion = Motion(lever=first.lever)
             self._zeros_left -= 1
         return self._motion
 
@@ -88,7 +93,7 @@ class FadingTwist:
         """Forget the motion, which nobody follows any more: the next one begins from rest."""
         self._motion = Motion()
         self._zeros_left = 0
-        self._fading = None
+        self._fade = None
 
     def _duration(self) -> float:
         """Return the time in which the motion fades, s."""

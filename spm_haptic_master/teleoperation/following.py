@@ -61,7 +61,7 @@ class Following:
         master: FloatQuaternion,
         slave: Pose,
         stamp: int,
-        centre: RemoteCentre | None = None,
+        centre: RemoteCentre | None,
     ) -> None:
         self._limits = limits
         # The offset R_m0^T R_s0, from the master's handle to the slave's instrument.
@@ -69,7 +69,7 @@ class Following:
         self._centre = centre
         self._position = slave.position
         cone = None if centre is None else centre.cone
-        self._command = LimitedRotation(limits, slave.rotation, cone)
+        self._rotation = LimitedRotation(limits, slave.rotation, cone)
         self._align_speed = align_speed
         # Speed at which the offset shrinks, rad/s; None where it does not.
         self._closing = 0.0 if align_speed else None
@@ -77,15 +77,10 @@ class Following:
         self.stamp = stamp
 
     @property
-    def rotation(self) -> FloatQuaternion:
-        """Return the slave's commanded rotation in its base frame."""
-        return self._command.rotation
-
-    @property
     def command(self) -> Command:
         """Return the commanded pose and its motion, in the slave's base frame."""
-        rotation = self._command.rotation
-        angular = self._command.velocity
+        rotation = self._rotation.rotation
+        angular = self._rotation.velocity
         if self._centre is None:
             return Command(Pose(rotation, self._position), Motion(angular))
         return self._centre.command(rotation, angular)
@@ -126,7 +121,7 @@ class Following:
             return broken
         if self._closing is not None:
             # From where the command is: it may not have followed so fast.
-            self._offset = multiply_quaternions(conjugate(master), self._command.rotation)
+            self._offset = multiply_quaternions(conjugate(master), self._rotation.rotation)
             self._closing = max(0.0, left - norm(vector_from_quaternion(*self._offset))) / dt
         self.stamp = stamp
         return ''
@@ -141,7 +136,7 @@ class Following:
             if not self._limits.slews:
                 return 'tilt'
             target = cone.within(target, cone.largest)
-        return self._command.advance(target, dt)
+        return self._rotation.advance(target, dt)
 
     def _shrink_offset(
         self,
@@ -157,7 +152,7 @@ class Following:
             acceleration = self._limits.acceleration
             braking = braking_speed(left, dt, acceleration)
             angle = min(self._align_speed, before + acceleration * dt, braking) * dt
-            self._command.restart()
+            self._rotation.restart()
         if left <= angle:
             self._offset = (0.0, 0.0, 0.0, 1.0)
             return

@@ -8,10 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import copysign
 
-from spm_haptic_master.teleoperation.braking import braking_speed, closing_speed
-
-# Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
-ROUNDING = 1e-9
+from spm_haptic_master.teleoperation.braking import braking_speed, closing_speed, ROUNDING
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +22,7 @@ class DepthLimits:
     # Whether the depth slews to a target that would break speed or acceleration; else it is
     # withheld. At the ends of the range it always brakes and waits.
     slews: bool
-    longest: float  # longest time for which the depth catches up in one step, s
+    longest_step: float  # longest time for which the depth catches up in one step, s
 
 
 class LimitedDepth:
@@ -64,17 +61,17 @@ class LimitedDepth:
                 return broken
         clamped = _clamped(target, limits.shortest, limits.deepest)
         before = _clamped(self._target, limits.shortest, limits.deepest)
-        moving = (clamped - before) / dt
+        clamped_rate = (clamped - before) / dt
         wanted = (clamped - self.depth) / dt
         # Also where it has caught up, it must not be faster than the target by too much.
         is_reachable = self._bounded(wanted, dt) == wanted and (
-            abs(wanted - moving) <= (1.0 + ROUNDING) * limits.acceleration * dt
+            abs(wanted - clamped_rate) <= (1.0 + ROUNDING) * limits.acceleration * dt
         )
         if is_reachable:
             self.depth = clamped
             self.rate = wanted
         else:
-            approach = self._approach(before, moving, dt)
+            approach = self._approach(before, clamped_rate, dt)
             self.rate = self._bounded(approach, dt)
             self.depth += self.rate * dt
         self._target = target
@@ -105,13 +102,13 @@ class LimitedDepth:
     def _bounded(self, wanted: float, dt: float) -> float:
         """Return the rate nearest to a wanted one that the limits allow, m/s."""
         limits = self._limits
-        speed = limits.speed * min(dt, limits.longest) / dt
+        speed = limits.speed * min(dt, limits.longest_step) / dt
         deeper = braking_speed(limits.deepest - self.depth, dt, limits.acceleration)
         higher = braking_speed(self.depth - limits.shortest, dt, limits.acceleration)
         allowed = _clamped(wanted, -min(speed, higher), min(speed, deeper))
-        gain = (1.0 + ROUNDING) * limits.acceleration * dt
+        change = (1.0 + ROUNDING) * limits.acceleration * dt
         # It may be faster than `speed` after a pause: then it slows down as fast as it can.
-        return _clamped(allowed, self.rate - gain, self.rate + gain)
+        return _clamped(allowed, self.rate - change, self.rate + change)
 
 
 def _clamped(

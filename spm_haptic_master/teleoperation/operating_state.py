@@ -46,18 +46,13 @@ class OperatingState:
         if orientation == self._orientation:
             return []
         self._orientation = orientation
-        events = []
         if orientation.condition is Condition.SILENT:
-            events.append(('error', orientation.text))
-            self._enter(FAULT, events)
-        elif not orientation.publishes:
-            self._enter(DISABLED, events)
-        else:
-            level = 'warning' if orientation.condition is Condition.DEGRADED else 'status'
-            events.append((level, orientation.text))
-            if self.name == FAULT:
-                self._enter(DISABLED, events)
-        return events
+            return [('error', orientation.text), *self._enter(FAULT)]
+        if not orientation.publishes:
+            return self._enter(DISABLED)
+        level = 'warning' if orientation.condition is Condition.DEGRADED else 'status'
+        recovery = self._enter(DISABLED) if self.name == FAULT else []
+        return [(level, orientation.text), *recovery]
 
     def command(self, text: str, time: int) -> tuple[bool, list[Event]]:
         """
@@ -65,28 +60,29 @@ class OperatingState:
 
         Return whether it has an effect, or its effect is already there, and the events.
         """
-        events: list[Event] = []
         refusal = self._refusal(text)
         if refusal:
             return False, [('warning', f"state_command '{text}': {refusal}")]
+        return True, self._execute(text, time)
+
+    def _execute(self, text: str, time: int) -> list[Event]:
+        """Execute a command that is not refused, and return its events."""
         if text in ('enable', 'resume'):
-            self._enter(ENABLED, events)
+            events = self._enter(ENABLED)
             # Also for one that is enabled already: each enable is a fresh one.
             self.enabling = time if self._is_wanted_homed else 0
-        elif text == 'pause':
-            self._enter(PAUSED, events)
-        elif text == 'home':
+            return events
+        if text == 'pause':
+            return self._enter(PAUSED)
+        if text == 'home':
             self._is_wanted_homed = True
             if self.name != ENABLED:
-                events.append(('status', 'homed once enabled: expected enable'))
-            elif not self.enabling:
-                self.enabling = time
-        else:
-            if text == 'unhome':
-                self._is_wanted_homed = False
-            if self.name != FAULT:
-                self._enter(DISABLED, events)
-        return True, events
+                return [('status', 'homed once enabled: expected enable')]
+            self.enabling = self.enabling or time
+            return []
+        if text == 'unhome':
+            self._is_wanted_homed = False
+        return [] if self.name == FAULT else self._enter(DISABLED)
 
     def _refusal(self, text: str) -> str:
         """Return why a command cannot be executed; empty if it can."""
@@ -103,8 +99,10 @@ class OperatingState:
             return f'the state is {self.name}'
         return ''
 
-    def _enter(self, name: str, events: list[Event]) -> None:
-        if name != self.name:
-            self.name = name
-            events.append(('status', name))
+    def _enter(self, name: str) -> list[Event]:
+        """Enter a state, or the same again, in which no enable is in effect yet; return events."""
         self.enabling = 0
+        if name == self.name:
+            return []
+        self.name = name
+        return [('status', name)]

@@ -64,9 +64,7 @@ class TiltCone:
     def _cosine(self, rotation: FloatQuaternion) -> float:
         """Return a . R u = (2 w^2 - 1) a . u + 2 (q . a) (q . u) + 2 w q . (u x a)."""
         x, y, z, w = rotation
-        a, b, c = self._axis
-        d, e, f = self._shaft
-        g, h, i = self._normal
-        along = (x * a + y * b + z * c) * (x * d + y * e + z * f)
-        across = x * g + y * h + z * i
+        vector = x, y, z
+        along = dot(vector, self._axis) * dot(vector, self._shaft)
+        across = dot(vector, self._normal)
         return (2.0 * w * w - 1.0) * self._aligned + 2.0 * (along + w * across)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Vectors of three floats, and rotations of them."""
+"""Vectors of three floats, and unit quaternions that rotate them."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from spm_haptic_master.kinematics.vectors import added, scaled, subtracted
 FloatVector: TypeAlias = Vector[float]
 FloatQuaternion: TypeAlias = Quaternion[float]
 ZERO: FloatVector = (0.0, 0.0, 0.0)
+# Largest deviation of a pose's squared norm from 1 (unit 1): a controller in single precision
+# passes, a quaternion of zeros or of other numbers does not.
+NORM_TOLERANCE = 1e-3
 
 
 def norm(vector: FloatVector) -> float:
@@ -39,13 +42,37 @@ def rotate(rotation: FloatQuaternion, vector: FloatVector) -> FloatVector:
 
 
 def moved_toward(
-    before: FloatVector,
-    wanted: FloatVector,
-    gain: float,
+    start: FloatVector,
+    goal: FloatVector,
+    step: float,
 ) -> FloatVector:
-    """Return the vector nearest to the wanted one that differs from `before` by `gain` at most."""
-    change = subtracted(wanted, before)
-    size = norm(change)
-    if size <= gain:
-        return wanted
-    return added(before, scaled(gain / size, change))
+    """Return the vector on the way from start to goal that is a step away, or the goal."""
+    way = subtracted(goal, start)
+    length = norm(way)
+    if length <= step:
+        return goal
+    return added(start, scaled(step / length, way))
+
+
+def unit_quaternion(quaternion: FloatQuaternion) -> FloatQuaternion | None:
+    """
+    Normalise a quaternion that another program sent.
+
+    Parameters
+    ----------
+    quaternion
+        Four numbers x, y, z, w.
+
+    Returns
+    -------
+    tuple of float, or None
+        The quaternion of norm 1; None for one that is not finite or too far from it.
+
+    """
+    x, y, z, w = quaternion
+    square = x * x + y * y + z * z + w * w
+    # Also false where a component is not a number.
+    if not abs(square - 1.0) < NORM_TOLERANCE:
+        return None
+    scale = 1.0 / sqrt(square)
+    return scale * x, scale * y, scale * z, scale * w

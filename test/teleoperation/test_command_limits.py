@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.kinematics import rotations
 from spm_haptic_master.teleoperation import command_limits
+from spm_haptic_master.teleoperation.vectors import unit_quaternion
 
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 # Period of the command (s).
@@ -25,14 +26,14 @@ def at_rest(acceleration=40.0, slews=True):
         acceleration=acceleration,
         jump=radians(5.0),
         slews=slews,
-        longest=2.0 * DT,
+        longest_step=2.0 * DT,
     )
     return command_limits.LimitedRotation(limits, IDENTITY)
 
 
 def test_single_precision_is_a_rotation_and_what_is_none_is_refused():
     given = tuple(map(float, np.float32([0.5, 0.5, 0.5, 0.500001])))
-    assert hypot(*command_limits.unit_quaternion(given)) == pytest.approx(1.0, abs=1e-15)
+    assert hypot(*unit_quaternion(given)) == pytest.approx(1.0, abs=1e-15)
     for values in (
         (0.0, 0.0, 0.0, 0.0),
         (nan, 0.0, 0.0, 1.0),
@@ -40,7 +41,7 @@ def test_single_precision_is_a_rotation_and_what_is_none_is_refused():
         (1e200, 0.0, 0.0, 0.0),
         (0.0, 0.0, 0.0, 1.01),
     ):
-        assert command_limits.unit_quaternion(values) is None
+        assert unit_quaternion(values) is None
 
 
 def random_limits(generator, period):
@@ -50,7 +51,7 @@ def random_limits(generator, period):
         acceleration=10.0 ** generator.uniform(-1.0, 5.0),
         jump=radians(10.0 ** generator.uniform(-1.5, 1.5)),
         slews=True,
-        longest=2.0 * period,
+        longest_step=2.0 * period,
     )
 
 

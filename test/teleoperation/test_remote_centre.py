@@ -27,14 +27,14 @@ DEEP = DepthLimits(
     speed=0.2,
     acceleration=10.0,
     slews=True,
-    longest=2.0 * DT,
+    longest_step=2.0 * DT,
 )
 FAST = CommandLimits(
     speed=6.0,
     acceleration=500.0,
     jump=radians(5.0),
     slews=True,
-    longest=2.0 * DT,
+    longest_step=2.0 * DT,
 )
 
 
@@ -170,7 +170,7 @@ def random_depth_limits(draw):
         speed=10.0 ** draw.uniform(-2.0, 0.5),
         acceleration=10.0 ** draw.uniform(-1.0, 2.0),
         slews=True,
-        longest=2.0 * DT,
+        longest_step=2.0 * DT,
     )
 
 
@@ -222,7 +222,7 @@ def test_a_jump_of_the_insertion_is_slewed_or_disengages():
         speed=0.2,
         acceleration=10.0,
         slews=False,
-        longest=2.0 * DT,
+        longest_step=2.0 * DT,
     )
     depth = LimitedDepth(stopped, 0.1)
     assert depth.advance(0.15, DT) == 'insertion speed'
@@ -280,7 +280,7 @@ def test_a_tilt_beyond_the_limit_disengages_where_commands_are_not_slewed():
         500.0,
         radians(5.0),
         slews=False,
-        longest=2.0 * DT,
+        longest_step=2.0 * DT,
     )
     course = Course(4, limits=limits, largest_tilt=radians(20.0))
     across = np.cross(course.slave @ course.shaft, [1.0, 0.0, 0.0])
