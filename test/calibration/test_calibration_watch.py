@@ -3,14 +3,21 @@
 
 """The slow watch on the calibration: a drift is reported before it is a fault."""
 
+from dataclasses import replace
 from functools import cache
 from math import degrees, radians
 
 from calibrated_rig import CalibratedRig, MODE, motion
 import numpy as np
 import pytest
+from spm_haptic_master.calibration.watch import slip_evidence
 from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
-from spm_haptic_master.calibration.watch.slip_evidence import evaluate, parities, summed
+from spm_haptic_master.calibration.watch.slip_evidence import (
+    evaluate,
+    Evaluation,
+    parities,
+    summed,
+)
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
@@ -156,3 +163,105 @@ def test_samples_that_lack_a_joint_leave_no_trace(joint):
     found.evaluate()
     np.testing.assert_array_equal(found.evaluation.slip, before)
     assert found.take(quaternion, angles)
+
+
+def turned(quaternion, angle):
+    """Return an orientation after a turn about z of the base."""
+    x, y, z, w = quaternion
+    c = np.cos(0.5 * angle)
+    s = np.sin(0.5 * angle)
+    return (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
+
+
+def test_a_sample_counts_after_a_turn_of_a_fiftieth_of_a_radian():
+    found = watch(4)
+    quaternion, angles = at_rest(4)
+    assert found.take(quaternion, angles) is True
+    assert found.take(turned(quaternion, 0.019), angles) is False
+    assert found.take(turned(quaternion, 0.021), angles) is True
+    # From the last one that counted.
+    assert found.take(turned(quaternion, 0.039), angles) is False
+    assert found.take(quaternion, (np.nan, *angles[1:])) is False
+
+
+def test_after_some_minutes_of_motion_a_sample_counts_a_third():
+    """Of its number, and of all sums."""
+    found = watch(4)
+    quaternion, angles = at_rest(4)
+    found.take(quaternion, angles)
+    before = [part.sum() for part in found._sums]
+    other = tuple(np.add(angles, radians(15.0)))
+    for number in range(1, 301):
+        found.take(turned(quaternion, 0.03 * (number % 2)), other)
+    rows = found._sums.samples
+    assert rows[0] == pytest.approx(1.0 / 3.0, abs=0.05)
+    assert rows[0] == pytest.approx(np.exp(-1.0), rel=3e-3)
+    assert found._sums.information[0].sum() == pytest.approx(before[1] * rows[0])
+    assert found._sums.score[0].sum() == pytest.approx(before[2] * rows[0])
+    assert rows[1] == pytest.approx(300.0 * (1.0 - rows[0]), rel=0.01)
+
+
+def test_the_pose_with_the_least_weight_makes_room(monkeypatch):
+    monkeypatch.setattr('spm_haptic_master.calibration.watch.calibration_watch.POSES', 3)
+    found = watch(4)
+    for row, pose in enumerate(((0, 0, 0), (1, 0, 0), (2, 0, 0))):
+        assert found._row(pose) == row
+        for part in found._sums:
+            part[row] = 7.0 - row
+    assert found._row((1, 0, 0)) == 1
+    assert found._sums.samples.tolist() == [7.0, 6.0, 5.0]
+    # A further one takes the third row, which begins anew; the third pose comes back later.
+    assert found._row((0, 0, 5)) == 2
+    assert found._sums.samples.tolist() == [7.0, 6.0, 0.0]
+    assert not found._sums.information[2].any()
+    assert not found._sums.score[2].any()
+    found._sums.samples[2] = 9.0
+    assert found._row((2, 0, 0)) == 1
+    assert found._rows == {(0, 0, 0): 0, (0, 0, 5): 2, (2, 0, 0): 1}
+
+
+HEALTHY = Evaluation(
+    slip=np.radians([0.1, -0.2, 0.3, 0.4]),
+    deviation=np.full(4, 1e-4),
+    explained=np.zeros(4),
+    together=np.zeros(4),
+    misfit=25.0,
+    freedom=25,
+    slow=radians(0.33),
+    expected=radians(0.11),
+    white=1e-4,
+)
+
+
+def cautions_of(monkeypatch, *explained, misfit=25.0):
+    """Return the cautions of evaluations in which the second sensor explains so much."""
+    found = watch(4)
+    found.evaluate()
+    assert found.evaluation is None
+    found.take(*at_rest(4))
+    seen = []
+    for each in explained:
+        evaluation = replace(HEALTHY, explained=np.array([1.0, each, 0.0, 0.0]), misfit=misfit)
+        monkeypatch.setattr(slip_evidence, 'evaluate', lambda *_, found=evaluation: found)
+        found.evaluate()
+        assert found.evaluation is evaluation
+        seen.append(found.caution)
+    return seen
+
+
+def test_a_caution_stays_until_the_drift_is_below_four_fifths_of_its_threshold(monkeypatch):
+    """Of four deviations: squares of 16, and of 10.24."""
+    drifted = 'joint_1b drifted by 0.20 deg since'
+    seen = cautions_of(monkeypatch, 15.9, 16.1, 10.3, 10.2, 15.9)
+    assert seen == ['', drifted, drifted, '', '']
+
+
+def test_sensors_that_are_not_told_apart_are_all_named(monkeypatch):
+    """And none where the best leaves more than is healthy."""
+    found = replace(HEALTHY, explained=np.array([16.0, 20.0, 1.0, 17.0]), misfit=60.0)
+    monkeypatch.setattr(slip_evidence, 'evaluate', lambda *_: found)
+    on = watch(4)
+    on.take(*at_rest(4))
+    on.evaluate()
+    assert on.caution == 'joint_1b or joint_3a or joint_1a drifted since'
+    assert cautions_of(monkeypatch, 30.0, misfit=120.0) == ['slow parity 0.33 deg, expected 0.11']

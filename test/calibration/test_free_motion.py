@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from math import degrees, radians, tau
 import re
+from types import SimpleNamespace
 
 import free_motions
 from free_motions import DEVIATIONS, RIG, SEED, SHORT, short_motion
@@ -16,7 +17,7 @@ from rclpy.parameter import parameter_dict_from_yaml_file
 from recorded_text import assert_recorded
 from simulated_hand import deviations_of, hand_motion, joint_angles, readings
 from spm_haptic_master.calibration.calibration_file import file_text, write_text
-from spm_haptic_master.calibration.motion import free_motion, zero_search
+from spm_haptic_master.calibration.motion import coverage, free_motion, zero_search
 from spm_haptic_master.calibration.motion import motion_file as results
 from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
@@ -404,3 +405,164 @@ def test_guidance_is_the_recorded_one(monkeypatch):
             *(f'    {name}: {share:.4f}' for name, share in guidance.covered.items()),
         ]
     assert_recorded('calibration/guidance.txt', '\n'.join(lines))
+
+
+@pytest.mark.parametrize(
+    ('change', 'caution'),
+    [
+        ({'spiked': np.arange(10_000) < 10}, ''),
+        ({'spiked': np.arange(10_000) < 15}, '0.1 % of the sets have a spike'),
+        ({'kept': np.arange(10_000) >= 49}, ''),
+        ({'kept': np.arange(10_000) >= 70}, '0.7 % of the samples do not fit the others'),
+        ({'contradiction': 3.0}, ''),
+        ({'contradiction': 3.01}, 'halves of the motion contradict each other (3.0 times'),
+        ({'noisy': 1.09}, ''),
+        ({'noisy': 1.12}, 'the sets come at irregular times: differences of the readings of joi'),
+    ],
+)
+def test_a_caution_begins_where_its_limit_is_exceeded(calibration, change, caution):
+    c = calibration
+    noise = c.noise.copy()
+    if 'noisy' in change:
+        noise[2] *= change.pop('noisy')
+    spiked = change.pop('spiked', np.zeros(10_000, dtype=bool))
+    readings_of = replace(c.readings, spiked=spiked, noise=noise)
+    cautions = replace(c, readings=readings_of, **change).cautions
+    assert [each[: len(caution)] for each in cautions] == ([caution] if caution else [])
+    if 'irregular' in caution:
+        assert 'joint_1c look like a noise of' in cautions[0]
+
+
+def cures_of(calibration, of_zeros, of_rest):
+    """Return the cures where the motion has these informations, 1/rad^2, of each parameter."""
+    information = np.diag([of_zeros] * 4 + [of_rest] * 28)
+    found = replace(calibration, information=information, advice='turn it', advice_gain=6.25)
+    cures = found.cures
+    assert list(cures) == [
+        'a larger motion (turn it)',
+        'a motion twice as long',
+        'half of --mechanism-tolerance and --harmonic-tolerance, if the workshop guarantees that,',
+    ]
+    return list(cures.values())
+
+
+def test_cures_say_by_what_they_divide_the_error(calibration):
+    """What the motion determines gets better with its length, the rest with the tolerances."""
+    assert cures_of(calibration, 1e9, 1e9) == pytest.approx([2.5, 2.0**0.5, 1.0], rel=1e-2)
+    assert cures_of(calibration, 1e12, 1e-3) == pytest.approx([2.5, 1.0, 2.0], rel=1e-2)
+
+
+@pytest.mark.parametrize(('error_deg', 'refused'), [(0.19, False), (0.21, True)])
+def test_zeros_that_leave_a_fifth_of_a_degree_are_not_determined(monkeypatch, error_deg, refused):
+    """As the whole motion has it, of which the fit has half of the samples."""
+    model = free_motions.model_of()
+    vector = np.zeros(model.layout.count)
+    # The error of the zeros alone goes with the root of the information.
+    poses = coverage.WORKSPACE.poses(model, vector)
+    changes = coverage.aligned_changes(model, poses, vector)[:, :, :4]
+    of_one = coverage.orientation_error(changes, np.eye(4))
+    information = 0.5 * np.eye(4) * (of_one / radians(error_deg)) ** 2
+    first = SimpleNamespace(vector=vector, normal=SimpleNamespace(matrix=information))
+    if not refused:
+        free_motion._check_zeros(model, first, 2.0, 'turn it')
+        return
+    words = (
+        '^the motion does not determine the zeros: they leave a predicted error of 0.21 deg, '
+        'limit 0.2 deg; turn it$'
+    )
+    with pytest.raises(CalibrationError, match=words):
+        free_motion._check_zeros(model, first, 2.0, 'turn it')
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """Let a search find directions; return what was asked of it."""
+    asked = []
+    start = zero_search.Start((1, -1, 1, 1), np.zeros(32))
+
+    def find_start(means, model, progress, swaps):
+        asked.append(swaps)
+        return start
+
+    monkeypatch.setattr(free_motion, 'find_start', find_start)
+    monkeypatch.setattr(free_motion, 'fitted', lambda layout, means, start, progress: start)
+    return asked
+
+
+def test_directions_are_those_that_were_given_if_any_were(searched):
+    stamps, raw, _ = fifth_of_short_motion()
+    for given in (None, (1, -1, 1, 1)):
+        assert calibrate_motion(Layout(4), stamps, raw, given).direction == (1, -1, 1, 1)
+    words = (
+        r'^joint_1b turns with direction -1, encoders.direction has \+1; joint_3a turns with '
+        r'direction \+1, encoders.direction has -1$'
+    )
+    with pytest.raises(CalibrationError, match=words):
+        calibrate_motion(Layout(4), stamps, raw, (1, 1, 1, -1))
+    calibrate_motion(Layout(4), stamps, raw, swaps=False)
+    # Exchanged encoders are looked for unless it is said otherwise.
+    assert searched == [True, True, True, False]
+
+
+class Motions:
+    """A motion that is being recorded: travel of its joints, deg, and its length, s."""
+
+    def __init__(self, monkeypatch):
+        self.searches = []
+        self.finds = False
+        monkeypatch.setattr(free_motion, 'motion_readings', self._readings)
+        monkeypatch.setattr(free_motion, 'find_start', self._search)
+        monkeypatch.setattr(
+            free_motion, '_outlook', lambda *_: (radians(0.123), {'tilt it': 4.0, 'turn it': 1.25})
+        )
+        self.guide = free_motion.Guide(Layout(4))
+
+    def _readings(self, stamps, readings):
+        return SimpleNamespace(
+            seconds=np.array([0.0, stamps]), readings=readings, sigma=np.full(4, 1e-3)
+        )
+
+    def _search(self, means, model, swaps):
+        self.searches.append(float(means.seconds[-1]))
+        assert swaps is False
+        if self.finds:
+            return 'a start'
+        raise CalibrationError('several explain the motion')
+
+    def after(self, seconds, *travel_deg):
+        """Return the guidance of a motion whose joints turn, across the end of their turn."""
+        ramp = np.linspace(-0.5, 0.5, 50)[:, None] * np.radians(travel_deg)
+        return self.guide.evaluate(seconds, (ramp + 0.01) % tau)
+
+
+def test_zeros_are_searched_for_once_all_joints_have_moved_far_enough(monkeypatch):
+    """By 25 deg; again when the motion has become half as long again."""
+    motions = Motions(monkeypatch)
+    found = motions.after(10.0, 50.0, 24.0, 30.0, 100.0)
+    assert found.error is None
+    assert found.text.endswith('turn it both ways (joint_1b has moved by 24 deg)')
+    assert found.covered == pytest.approx(
+        {'joint_1a': 1.0, 'joint_1b': 0.96, 'joint_1c': 1.0, 'joint_3a': 1.0}
+    )
+    assert motions.searches == []
+    enough = (50.0, 26.0, 30.0, 100.0)
+    found = motions.after(10.0, *enough)
+    assert found.text.endswith('turn it both ways (the zeros are not determined yet)')
+    assert found.covered['joint_1b'] == 1.0
+    motions.after(14.9, *enough)
+    assert motions.searches == [10.0]
+    motions.finds = True
+    found = motions.after(15.1, *enough)
+    assert motions.searches == [10.0, 15.1]
+    assert found.error == pytest.approx(radians(0.123))
+    assert found.text == 'predicted error 0.123 deg; tilt it'
+    assert found.covered == {'tilt it': 0.25, 'turn it': 0.8}
+    # What was found is kept.
+    motions.after(60.0, *enough)
+    assert len(motions.searches) == 2
+
+
+def test_the_reason_why_a_motion_is_too_short_is_guidance():
+    found = free_motion.Guide(Layout(4)).evaluate(np.arange(10), np.zeros((10, 4)))
+    assert (found.error, found.covered) == (None, {})
+    assert found.text.startswith('10 sets of four encoders in 0.0 s')

@@ -303,3 +303,89 @@ def test_a_calibration_that_was_edited_wrongly_is_refused(
     path.write_text(text.replace(old, new))
     with pytest.raises(InputError, match=reason):
         calibration_file.read_calibration(path)
+
+
+def at_rest(shift, sets=1000):
+    """Return counts that alternate by 100, of which the last tenth is shifted."""
+    counts = np.tile(np.where(np.arange(sets) % 2, 5100, 4900)[:, None], 4)
+    counts[-sets // 10 :, 1] += shift
+    return counts
+
+
+def test_a_device_has_moved_if_the_means_of_tenths_differ_by_eight_deviations():
+    """The noise is 141.4 counts, and that of the mean of a hundred sets a tenth of it."""
+    per_turn = (1_000_000,) * 4
+    allowed = radians(8.0 * 14.142 * 360e-6)
+    mean, noise = jig.read_still(at_rest(112), per_turn, radians(1.0), radians(0.001))
+    np.testing.assert_allclose(mean, [5000.0, 5011.2, 5000.0, 5000.0])
+    np.testing.assert_allclose(noise, radians(141.4 * 360e-6), rtol=1e-2)
+    with pytest.raises(CalibrationError, match=r'joint_1b by 0\.041 deg, limit 0\.041 deg$'):
+        jig.read_still(at_rest(115), per_turn, radians(1.0), radians(0.001))
+    # A limit that is larger than noise makes it counts.
+    jig.read_still(at_rest(115), per_turn, radians(1.0), 1.05 * allowed)
+
+
+def test_counts_that_are_more_than_half_a_turn_apart_wrap():
+    counts = np.zeros((200, 4), dtype=np.int64)
+    counts[100:, 2] = 500
+    with pytest.raises(CalibrationError, match='^joint_1c is noisy'):
+        jig.read_still(counts, (1000,) * 4, *LIMITS)
+    counts[100:, 2] = 501
+    with pytest.raises(CalibrationError, match='^joint_1c wraps: its counts pass from 999 to 0 '):
+        jig.read_still(counts, (1000,) * 4, *LIMITS)
+
+
+def exact_station(angles_deg, counts):
+    """Return the readings at stated angles, without noise."""
+    return jig.Station(
+        pose=(0.0, 0.0, 0.0),
+        angles=tuple(np.radians(angles_deg)),
+        counts=tuple(counts),
+        sigma=(1e-4,) * len(counts),
+        sets=100,
+    )
+
+
+@pytest.mark.parametrize(
+    ('angle_deg', 'counts', 'direction'),
+    [
+        (20.0, 249.0, 1),
+        (20.0, -249.0, -1),
+        (20.0, 251.0, 0),
+        (20.0, 151.0, 1),
+        (20.0, 149.0, 0),
+        (-20.0, 210.0, -1),
+        (0.99, 9.9, 0),
+        (1.01, 10.1, 1),
+        # Across the turn of both.
+        (355.0, 3550.0, 1),
+    ],
+)
+def test_counts_that_move_as_the_jig_but_for_a_quarter_determine_a_direction(
+    angle_deg, counts, direction
+):
+    """Of two joints, the other of which does not move; 10 counts are a degree."""
+    stations = (
+        exact_station([30.0, 5.0], [100.0, 7.0]),
+        exact_station([30.0 + angle_deg, 5.0], [100.0 + counts, 7.0]),
+    )
+    assert jig.observed_directions([stations], (3600, 3600)) == (direction, 0)
+    assert jig.observed_directions([], (3600, 3600)) == (0, 0)
+
+
+def test_the_zero_count_is_the_mean_and_the_pose_that_is_off_is_named():
+    """Three poses with zeros of 100, 101 and 105 counts; ten are a degree."""
+    angles = np.array([[10.0], [40.0], [-20.0]])
+    counts = 10.0 * angles + [[100.0], [101.0], [105.0]]
+    stations = [exact_station(*each) for each in zip(angles, counts, strict=True)]
+
+    def calibrated_to(tolerance_deg):
+        return jig.calibrate(stations, (1,), (3600,), 'today', (0.1,), radians(tolerance_deg))
+
+    assert calibrated_to(0.51).zero_count == (102,)
+    words = (
+        r'^the poses contradict each other: joint_1a is \+0\.300 deg off at pose 3 of 3 '
+        r'\(tolerance 0\.49 deg between two\)'
+    )
+    with pytest.raises(CalibrationError, match=words):
+        calibrated_to(0.49)

@@ -163,3 +163,68 @@ def test_a_handle_that_turns_against_its_torque_is_said_in_words():
     against = [(time, -angle, torque) for time, angle, torque in map(release, (0.02, 0.05))]
     with pytest.raises(CalibrationError, match='the handle turns against the torque'):
         identify_friction(against)
+
+
+def test_five_samples_before_a_step_and_five_after_it_are_enough():
+    step = np.arange(10) >= 5
+    found = step_response(2, 0.3 - 0.1 * step, np.outer(step, [0.01, 0.0, -0.02, 0.03]))
+    assert found.turns == pytest.approx((-0.01, 0.0, 0.02, -0.03))
+
+
+@pytest.mark.parametrize(('factor', 'equal'), [(3.9, True), (4.1, False), (1 / 3.9, True)])
+def test_motors_turn_each_others_joints_equally_within_a_factor_of_four(factor, equal):
+    """Or by so little that it is not seen."""
+    one = (0.03, 0.02 * factor / max(factor, 1.0), 0.0, 0.0)
+    other = (0.02 / max(factor, 1.0), 0.03, 0.0, 0.0)
+    assert (faults_of(one, other) == []) is equal
+    hardly = 0.0049, 0.0
+    assert faults_of((0.03, hardly[0], 0.0, 0.0), (hardly[1], 0.03, 0.0, 0.0)) == []
+    seen = faults_of((0.03, 0.0, 0.0, 0.0), (0.0051, 0.03, 0.0, 0.0))
+    assert seen == [
+        'motor on th1B turns th1A by 0.005 rad, but the motor on th1A turns th1B by 0.000: is a '
+        'rated torque wrong, or are motors swapped?'
+    ]
+
+
+def test_a_step_is_described_in_words():
+    right = StepResponse(0, (0.02, 0.0, 0.0, 0.9))
+    assert right.words == 'motor on th1A: sign right'
+    assert (right.is_right, right.is_reversed, right.most_turned) == (True, False, 0)
+    reverse = StepResponse(3, (0.9, 0.0, 0.0, -0.02))
+    assert reverse.words == 'motor on th3A: sign wrong: it turns the other way'
+    assert (reverse.is_right, reverse.is_reversed, reverse.most_turned) == (False, True, 3)
+    unseen = StepResponse(1, (0.004, 0.003, 0.0, 0.9))
+    assert unseen.words.startswith('motor on th1B: not seen: no joint turned')
+    swapped = StepResponse(1, (0.02, 0.01, 0.0, 0.0))
+    assert swapped.words.startswith('motor on th1B turns th1A most')
+    assert not swapped.is_right
+    assert not StepResponse(1, (-0.02, -0.01, 0.0, 0.0)).is_reversed
+
+
+@pytest.mark.parametrize(('turn', 'refused'), [(0.021, False), (0.019, True)])
+def test_a_release_turns_the_handle_by_a_fiftieth_of_a_radian(turn, refused):
+    whole = release(0.02)
+    until_then = whole[1] - 0.3 <= turn
+    releases = [tuple(each[until_then] for each in whole), release(0.05)]
+    if refused:
+        with pytest.raises(
+            CalibrationError, match=r'release 1 turns the handle by 0\.01[89]\d rad'
+        ):
+            identify_friction(releases)
+    else:
+        identify_friction(releases)
+
+
+def test_a_release_whose_torque_is_there_from_the_first_sample_is_one_from_rest():
+    """In steps of a tenth of a millisecond, so that trapezia are nearly the integrals."""
+    time = np.arange(0.0, 0.3, 1e-4)
+    releases = []
+    for torque in (0.02, -0.03, 0.05):
+        rate = TRUE.viscous / TRUE.inertia
+        push = torque - np.sign(torque) * TRUE.dry
+        angle = push / TRUE.viscous * (time - (1.0 - np.exp(-rate * time)) / rate)
+        releases.append((time, angle, np.full(len(time), torque)))
+    found = identify_friction(releases)
+    assert [found.inertia, found.viscous, found.dry] == pytest.approx(
+        [TRUE.inertia, TRUE.viscous, TRUE.dry], rel=2e-3
+    )

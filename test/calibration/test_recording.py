@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 from spm_haptic_master.calibration import recording
-from spm_haptic_master.calibration.recording import record
+from spm_haptic_master.calibration.recording import raw_counts, read_log, record
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded
@@ -197,3 +197,50 @@ def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsy
         match='joint_3b has no reading in 100 of 300 sets; expected readings of all joints',
     ):
         recorded(Device(300, SourceEnded(), nth=3))
+
+
+class Log:
+    """A log of sets each 10 ms, in which the third joint lacks some readings."""
+
+    def __init__(self, sets, lacking=()):
+        self._sets = sets
+        self._lacking = lacking
+
+    def recorded(self):
+        """Yield the sets."""
+        for number in range(self._sets):
+            third = nan if number in self._lacking else 0.3
+            yield JointSample(5_000_000 + 10_000_000 * number, (0.1, 0.2, third, 0.4))
+
+
+def test_a_log_is_read_to_its_end_or_for_some_seconds_from_its_first_set():
+    counts = []
+    (stamps, angles), notes = read_log(Log(50), counts.append)
+    np.testing.assert_array_equal(stamps, 5_000_000 + 10_000_000 * np.arange(50))
+    np.testing.assert_array_equal(angles, [(0.1, 0.2, 0.3, 0.4)] * 50)
+    assert counts == list(range(1, 51))
+    assert notes == []
+    # The set after a tenth of a second is the last one.
+    assert len(read_log(Log(50), seconds=0.1)[0][0]) == 11
+    assert len(read_log(Log(50), seconds=0.099)[0][0]) == 10
+    (stamps, angles), notes = read_log(Log(0))
+    assert (len(stamps), len(angles), notes) == (0, 0, [])
+
+
+def test_a_fifth_of_the_sets_may_lack_a_reading():
+    (stamps, _), notes = read_log(Log(50, lacking=range(10)))
+    assert len(stamps) == 40
+    assert notes == ['joint_1c has no reading in 10 of 50 sets; these are left out']
+    with pytest.raises(CalibrationError, match='^joint_1c has no reading in 11 of 50 sets; expec'):
+        read_log(Log(50, lacking=range(11)))
+
+
+def test_raw_counts_have_no_direction_zero_or_harmonics():
+    found = raw_counts(5)
+    assert found['encoders.direction'] == (1,) * 5
+    assert found['encoders.zero_count'] == (0,) * 5
+    assert len(found) > 2
+    rest = {name: value for name, value in found.items() if 'harmonic' in name or 'table' in name}
+    assert len(rest) == len(found) - 2
+    assert all(set(value) == {0.0} for value in rest.values())
+    assert found['encoders.harmonic_cos_deg'] == (0.0,) * 5
