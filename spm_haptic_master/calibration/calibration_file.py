@@ -364,6 +364,17 @@ def check_output(path: Path, force: bool) -> None:
         not writable.
 
     """
+    try:
+        _check_place(path, force)
+        beside = path.with_name(path.name + '.new')
+        beside.touch()
+        beside.unlink()
+    except OSError as error:
+        raise InputError(f'-o: {path} cannot be written: {error}') from error
+
+
+def _check_place(path: Path, force: bool) -> None:
+    """Raise InputError where a file may not be written; OSError for a name that cannot be one."""
     if path.is_file() and not force:
         raise InputError(
             f'-o: {path} already exists; expected --force to overwrite it, or '
@@ -373,12 +384,6 @@ def check_output(path: Path, force: bool) -> None:
         raise InputError(f'-o {path}; expected a file in an existing directory')
     if path.exists() and not path.is_file():
         raise InputError(f'-o: {path} exists; expected a regular file, or none')
-    beside = path.with_name(path.name + '.new')
-    try:
-        beside.touch()
-        beside.unlink()
-    except OSError as error:
-        raise InputError(f'-o: {path} cannot be written: {error}') from error
 
 
 def write_text(path: Path, text: str) -> None:

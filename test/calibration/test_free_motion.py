@@ -219,6 +219,55 @@ def test_the_file_is_what_was_found(calibration, tmp_path):
     assert not re.search(r'^(?!.*_axes).*\.\d{7}', path.read_text(), re.MULTILINE)
 
 
+def test_the_record_of_a_file_has_few_digits(calibration, tmp_path):
+    """Tenths of seconds, hundredths of per cent, thousandths of a degree: a person reads it."""
+    seconds = calibration.readings.seconds.copy()
+    seconds[-1] = 23.4567
+    part = replace(
+        calibration,
+        kept=np.arange(len(calibration.kept)) >= 7,
+        readings=replace(calibration.readings, seconds=seconds),
+        left={'links': 'no reason', 'base axes': 'none either'},
+    )
+    checked = results.Checked(1.0, (0.98765, 0.5, 0.1234, 1.0), 0.45678)
+    path = tmp_path / 'calibration.yaml'
+    verdict = results.Verdict(part, ORIGIN, 0.5, 0.9987654, 0.04, checked)
+    path.write_text(results.motion_text(verdict))
+    assert not re.search(r'\.\d{13}', path.read_text())
+    record = read_sections(path)[1].values
+    percent = 100.0 * 7.0 / len(calibration.kept)
+    assert record['cut_percent'] == round(percent, 2) != round(percent, 3)
+    assert record['seconds'] == 23.5
+    assert record['checked_percent'] == [98.8, 50.0, 12.3, 100.0]
+    assert record['all_checked_limit_deg'] == 0.457
+    assert record['published_percent'] == 99.88
+    assert record['left_as_drawn'] == 'links: no reason; base axes: none either'
+    assert (record['region_tilt_deg'], record['region_phi_deg']) == (16.0, [0.0, 80.0])
+
+
+@pytest.mark.parametrize(('target_deg', 'verb'), [(0.101, 'reached'), (0.099, 'NOT reached')])
+def test_a_verdict_says_where_and_whether_the_target_is_reached(calibration, target_deg, verb):
+    part = replace(calibration)
+    part.__dict__['region_error'] = radians(0.1)
+    checked = results.Checked(1.0, (0.9, 0.0, 0.8, 0.0), 1.42)
+    found = results.Verdict(part, ORIGIN, 0.5, 1.0, target_deg, checked)
+    assert found.text == (
+        'Good for an alert limit of 0.5 deg or more, over the workspace: tilt to 16 deg, '
+        'self-rotation 0 to 80 deg.'
+    )
+    assert found.reached == (
+        'Predicted error of the orientation: 0.100 deg rms over the region, target '
+        f'{target_deg:g} deg {verb}.'
+    )
+    small = replace(found, calibration=replace(part, region=Region(9.0, 0.0, 80.0)))
+    assert ', ONLY for the region moved: tilt to 9 deg' in small.text
+    (caution,) = found.cautions
+    assert caution.startswith('with alert_limit_deg 1 nothing checks joint_1b, joint_3a anywhere')
+    assert checked.lines[0] == 'joint_1a is checked in 90 % of the region'
+    everywhere = replace(checked, share=(0.9, 0.1, 0.8, 0.2))
+    assert replace(found, checked=everywhere).cautions == ()
+
+
 @pytest.mark.parametrize('name', ['a "b": \\ # c.log', '1e5', 'y', 'line\nbreak', '0x1f', 'größe'])
 def test_any_name_of_a_log_can_be_read_back(tmp_path, name):
     path = tmp_path / 'calibration.yaml'

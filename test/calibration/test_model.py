@@ -9,7 +9,7 @@ from math import radians
 from free_motions import model_of, poses, random_vector, SIGMA, turned_a_little
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion.model import Layout
+from spm_haptic_master.calibration.motion.model import _continuous, Layout
 from spm_haptic_master.calibration.watch.slip_evidence import reached
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames, workspace_pose
@@ -422,3 +422,29 @@ def test_a_drawing_may_be_off_its_usual_frames_by_rounding():
                 Layout(4, turned)
         else:
             Layout(4, turned)
+
+
+@pytest.mark.parametrize('sensors', (4, 5, 6))
+def test_the_parity_has_a_basis_by_the_minors_of_the_jacobian(sensors):
+    """Of any Jacobians, and whatever basis it had: the sign of no vector is left to chance."""
+    random = np.random.default_rng(sensors)
+    rates = random.normal(size=(40, sensors, 3))
+    across = np.array([np.linalg.svd(each)[0][:, 3:].T for each in rates])
+    mixed, _ = np.linalg.qr(random.normal(size=(40, sensors - 3, sensors - 3)))
+    mixed *= random.choice((-1.0, 1.0), (40, 1, 1))
+    gain = mixed @ across
+    found = _continuous(gain, rates)
+    np.testing.assert_allclose(
+        found.swapaxes(1, 2) @ found, gain.swapaxes(1, 2) @ gain, atol=1e-12
+    )
+    # Of the first four rows, each without one of them.
+    rows = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]
+    minors = np.array([np.linalg.det(rates[:, each]) for each in rows]).T * [1.0, -1.0, 1.0, -1.0]
+    first = found[:, 0, :4]
+    expected = minors / np.linalg.norm(minors, axis=1, keepdims=True)
+    lengths = np.linalg.norm(first, axis=1, keepdims=True)
+    np.testing.assert_allclose(first, lengths * expected, atol=1e-9)
+    # A further sensor has a vector of its own, in which it is positive and those after it 0.
+    for place in range(4, sensors):
+        assert (found[:, place - 3, place] > 0.0).all()
+        np.testing.assert_allclose(found[:, : place - 3, place], 0.0, atol=1e-12)

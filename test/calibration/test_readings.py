@@ -341,3 +341,11 @@ def test_a_sensor_may_have_a_noise_of_half_a_degree(noise_deg, refused):
     words = r'^joint_1c has a noise of 0\.5\d deg .* expected at most 0\.5 deg$'
     with pytest.raises(CalibrationError, match=words):
         motion_of._checked_noise(STAMPS[:2000], read)
+
+
+def test_spread_measures_across_the_turn():
+    """A joint that passes it: from the middle to both ends, of a turn on which they are near."""
+    ramp = np.linspace(-2.9, 2.9, 101)
+    read = np.column_stack([(ramp + 3.0) % tau, np.zeros(101)])
+    assert spread(read, 3)[0] == 50
+    assert set(spread(read, 3)[1:]) == {0, 100}

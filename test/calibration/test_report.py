@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from recorded_text import assert_recorded
 from spm_haptic_master.calibration import report_picture
-from spm_haptic_master.calibration.calibration_file import check_output
+from spm_haptic_master.calibration.calibration_file import check_output, write_text
 from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.motion_file import Checked, Origin, Verdict
 from spm_haptic_master.calibration.report import report_paths, write_report
@@ -184,6 +184,8 @@ def picture(calibration, monkeypatch):
     # Samples without an orientation are on no map.
     rotation[:50] = np.nan
     drawn = replace(calibration, rotation=rotation, region=Region(9.0, 30.0, 70.0))
+    # Nor are those that have none with the mechanism as drawn.
+    drawn.parity_before[60:80] = np.nan
     assert report_picture.draw(drawn) == b'the picture'
     return drawn, figures[0].axes
 
@@ -200,7 +202,7 @@ def cells(axes):
 def shown_parities(calibration):
     """Return tilts and parities of the samples on the maps, deg; before and after."""
     shown = np.isfinite(calibration.rotation).all(axis=(1, 2))
-    shown &= np.isfinite(calibration.parity)
+    shown &= np.isfinite(calibration.parity) & np.isfinite(calibration.parity_before)
     axis = calibration.rotation[shown][:, :, 2]
     tilt = np.degrees(np.arccos(axis @ np.full(3, 3**-0.5)))
     # Towards (1, -1, 0) and (1, 1, -2), at the distance of the tilt.
@@ -324,6 +326,28 @@ def test_without_matplotlib_a_line_says_so(
     text = output.with_suffix('.md').read_text()
     assert '![' not in text
     assert re.search(r'^No picture: drawing needs matplotlib .*\[validate\]', text, re.MULTILINE)
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_recorded(tmp_path):
+    nowhere = tmp_path / 'none' / 'rig.yaml'
+    with pytest.raises(
+        InputError, match=f'-o {nowhere}; expected a file in an existing directory'
+    ):
+        check_output(nowhere, force=True)
+    # Too long a name of its own, and with what it is written to first.
+    for length in (300, 253):
+        long = tmp_path / ('l' * length)
+        with pytest.raises(InputError, match=f'-o: {long} cannot be written: .*name too long'):
+            check_output(long, force=False)
+    with pytest.raises(InputError, match=f'{long}: cannot be written: .*name too long'):
+        write_text(long, 'the parameters')
+    with pytest.raises(InputError, match='cannot be written'):
+        write_text(nowhere, 'the parameters')
+    new = tmp_path / 'rig.yaml'
+    check_output(new, force=False)
+    write_text(new, 'größe')
+    assert new.read_bytes() == 'größe'.encode()
+    assert [each.name for each in tmp_path.iterdir()] == ['rig.yaml']
 
 
 def test_an_earlier_report_is_kept_without_force(output):
