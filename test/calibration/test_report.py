@@ -258,6 +258,55 @@ def test_the_picture_has_one_scale_for_before_and_after_and_one_of_its_own(pictu
     assert 0.5 * np.abs(before).max() < first <= np.abs(before).max()
     assert 0.0 < own < 0.2 * first
     assert [scale.get_xlabel() for scale in axes[6:]] == ['mean parity, deg'] * 2
+    assert [scale.get_xlim() for scale in axes[6:]] == [(-first, first), (-own, own)]
+
+
+def test_cells_are_whole_steps_around_the_values():
+    assert report_picture._edges(np.array([5.0, -3.1, 0.0]), 2.0).tolist() == [-4, -2, 0, 2, 4, 6]
+    assert report_picture._edges(np.array([4.0]), 4.0).tolist() == [4.0, 8.0]
+
+
+def test_a_cell_with_fewer_samples_than_it_needs_is_not_drawn():
+    across = np.array([0.5, 1.0, 0.2, 2.5, 3.9])
+    along = np.array([0.5, 1.9, 1.0, 2.1, 3.9])
+    on = report_picture._Map(across, along, np.array([0.0, 2.0, 4.0]))
+    values = np.array([1.0, 2.0, 6.0, -4.0, 8.0])
+    np.testing.assert_array_equal(on.means(values, 2), [[3.0, np.nan], [np.nan, 2.0]])
+    np.testing.assert_array_equal(on.means(values, 3), [[3.0, np.nan], [np.nan, np.nan]])
+
+
+def test_the_colour_scale_covers_all_but_a_fiftieth_of_the_cells():
+    values = np.linspace(-100.0, 0.0, 101)
+    first, second = values[:50].reshape(5, 10), np.append(values[50:], np.nan)
+    assert report_picture._scale([first, second]) == pytest.approx(98.0)
+    for nothing in (np.zeros((2, 2)), np.full(3, np.nan), np.zeros(0)):
+        assert report_picture._scale([nothing]) == 1.0
+
+
+@pytest.mark.parametrize(('rate', 'least'), [(100.0, 5), (60.0, 3), (10.0, 1), (250.0, 12)])
+def test_a_cell_needs_a_twentieth_of_a_second(calibration, rate, least):
+    readings = replace(calibration.readings, seconds=np.arange(2400) / rate)
+    asked = []
+
+    class Map:
+        def means(self, values, least):
+            asked.append(least)
+            return values
+
+    known = np.arange(2400) < 100
+    part = replace(calibration, readings=readings)
+    part.__dict__.update(parity=calibration.parity, parity_before=calibration.parity_before)
+    report_picture._columns(part, (Map(), Map()), known)
+    assert asked == [least] * 4
+
+
+@pytest.mark.parametrize(('region', 'highest'), [(30.0, 32.0), (9.0, 17.0)])
+def test_a_map_of_the_turn_shows_the_tilt_of_the_region(region, highest):
+    axes = plot_style.new_figure(width=3.0, height=3.0).subplots()
+    axes.plot([0.0, 10.0], [3.0, 16.0])
+    axes.set_ylim(3.0, 17.0)
+    report_picture._label_turns(axes, Region(region, 0.0, 10.0), True)
+    assert axes.get_ylim() == (0.0, highest)
 
 
 def rms_deg(parity):
@@ -281,14 +330,21 @@ def test_the_picture_names_what_it_shows(picture):
 
 def test_the_picture_names_the_motors(picture):
     """The axis of leg A's motor is z, of B's x, of C's y."""
-    _, axes = picture
+    calibration, axes = picture
+    _, tilt, _, _ = shown_parities(calibration)
     for each in axes[:3]:
-        outermost = max(abs(edge) for edge in each.get_xlim())
+        # Around the cells there is a rim for the letters, whose middle they are in.
+        outermost = each.get_xlim()[1]
+        assert outermost == pytest.approx(tilt.max() + 2.0 + 3.0)
+        assert each.get_xlim() == each.get_ylim() == (-outermost, outermost)
+        assert each.get_aspect() == 1.0
+        # What the motion did not reach is grey.
+        assert len(set(each.get_facecolor()[:3])) == 1
         angles = {}
         for text in each.texts:
             x, y = text.get_position()
             angles[text.get_text()] = np.degrees(np.arctan2(y, x))
-            assert np.hypot(x, y) < outermost
+            assert np.hypot(x, y) == pytest.approx(outermost - 1.5)
         assert angles == pytest.approx({'A': -90.0, 'B': 30.0, 'C': 150.0})
 
 
@@ -297,6 +353,8 @@ def test_the_picture_has_the_edge_of_the_region(picture):
     for each in axes[:3]:
         x, y = each.lines[0].get_xydata().T
         assert np.hypot(x, y) == pytest.approx(9.0)
+        assert [x[0], y[0]] == pytest.approx([x[-1], y[-1]])
+        assert [np.ptp(x), np.ptp(y)] == pytest.approx([18.0, 18.0], rel=1e-3)
     for each in axes[3:6]:
         corners = each.lines[0].get_xydata().tolist()
         assert corners == [[30.0, 0.0], [30.0, 9.0], [70.0, 9.0], [70.0, 0.0]]
