@@ -15,6 +15,8 @@ from spm_haptic_master.exceptions import SetupError
 # Longest wait for the answer to a request (s), and number of requests.
 ANSWER_TIMEOUT = 0.2
 REQUESTS = 3
+# Time after an answer in which another device with the same node id would have answered, too (s).
+SECOND_ANSWER = 0.01
 
 
 class SdoClient:
@@ -47,11 +49,11 @@ class SdoClient:
         self._node_id = node_id
         self._name = name
         self._send = send
-        self._answer: bytes | None = None  # latest one; None after a request
+        self._answers: list[bytes] = []  # since the latest request
 
     def on_answer(self, data: bytearray) -> None:
-        """Keep the answer to a request until it is read."""
-        self._answer = bytes(data)
+        """Keep an answer to the latest request."""
+        self._answers.append(bytes(data))
 
     def read(self, key: Key) -> Generator[None, None, int | None]:
         """
@@ -119,6 +121,43 @@ class SdoClient:
         answer = yield from self._request(request, key)
         return answer[0] == canopen.SDO_DOWNLOAD_ANSWER
 
+    def read_of_one(self, key: Key) -> Generator[None, None, int | None]:
+        """
+        Return the value of an object that differs from device to device, as `read`.
+
+        Parameters
+        ----------
+        key : tuple of 2 int
+            Index and subindex.
+
+        Yields
+        ------
+        None
+            Once a sample, also for SECOND_ANSWER after the answer.
+
+        Returns
+        -------
+        int or None
+            The value; None if the drive does not give it.
+
+        Raises
+        ------
+        SetupError
+            The drive does not answer, or another device with its node id does, too.
+
+        """
+        value = yield from self.read(key)
+        until = self.now + SECOND_ANSWER
+        while self.now < until:
+            yield
+        if len({*self._answers_about(key)}) > 1:
+            raise SetupError(f'{self._name}: {canopen.shared_node_id(self._node_id, devices=2)}')
+        return value
+
+    def _answers_about(self, key: Key) -> list[bytes]:
+        """Return the answers about an object since the latest request."""
+        return [answer for answer in self._answers if canopen.sdo_object(answer) == key]
+
     def _request(self, message: can.Message, key: Key) -> Generator[None, None, bytes]:
         """
         Return the answer to a request about an object; SetupError if none comes.
@@ -127,12 +166,12 @@ class SdoClient:
         ignored.
         """
         for _ in range(REQUESTS):
-            self._answer = None
+            self._answers = []
             self._send(message)
             until = self.now + ANSWER_TIMEOUT
             while self.now < until:
                 yield
-                answer = self._answer
-                if answer is not None and canopen.sdo_object(answer) == key:
-                    return answer
+                answers = self._answers_about(key)
+                if answers:
+                    return answers[0]
         raise SetupError(f'{self._name} does not answer SDO {canopen.object_name(*key)}')

@@ -3,6 +3,7 @@
 
 """Drives against simulated ones in simulated time: start-up, proof, torques, faults."""
 
+from collections import deque
 from math import inf, nan
 
 import can
@@ -11,6 +12,7 @@ import pytest
 from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.simulation.fault_injection import parse_fault
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrive
 from spm_haptic_master.timing import Periodic
 
 ZERO = (0.0, 0.0, 0.0)
@@ -124,6 +126,31 @@ def test_a_drive_that_boots_in_the_start_up_gets_no_torque(starting, moment):
     assert {torque for _, torque in starting.commands()} <= {0}
     starting.drives.acknowledge()
     starting.ready(TORQUES)
+
+
+@pytest.mark.parametrize('late', [0.0, 5 * MS])
+def test_two_drives_with_one_node_id_get_no_torque(starting, late):
+    """The second one is none of the checked ones, and would make the torque, too."""
+    twin = SimulatedDrive(starting.plan, starting.plan.drives[1], factory=False)
+    twin.objects.show(canopen.SERIAL_NUMBER, 77)
+    receive = starting.simulation.receive
+    # Answers of the twin, and when they go out (s).
+    waiting = deque()
+
+    def receive_both(message, now):
+        waiting.extend((now + late, answer) for answer in twin.receive(message, now))
+        return receive(message, now)
+
+    starting.simulation.receive = receive_both
+    while starting.report is None or starting.report.fault is None:
+        starting.step(TORQUES)
+        while waiting and waiting[0][0] < starting.now:
+            starting._put([waiting.popleft()[1]])
+        assert not starting.report.ready
+    assert starting.report.fault.startswith(
+        'drive of joint_1b (node 12): two devices have node id 12: give each its own'
+    )
+    assert starting.commands() == []
 
 
 def test_a_drive_in_another_mode_is_not_enabled_for_the_proof(starting):
