@@ -289,7 +289,7 @@ class Drive:
         """Read vendor id, product code and serial number (1018h); None for a missing one."""
         vendor = yield from self.sdo.read(canopen.VENDOR_ID)
         product = yield from self.sdo.read(canopen.PRODUCT_CODE)
-        serial = yield from self.sdo.read_of_one(canopen.SERIAL_NUMBER)
+        serial = yield from self.sdo.read_alone(canopen.SERIAL_NUMBER)
         return Identity(vendor=vendor, product=product, serial=serial)
 
     def set_mode(self) -> Steps:

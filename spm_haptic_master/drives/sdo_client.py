@@ -9,14 +9,13 @@ from collections.abc import Callable, Generator
 
 import can
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.canopen_network import ALL_ANSWER
 from spm_haptic_master.encoders.node_setup import Key
 from spm_haptic_master.exceptions import SetupError
 
 # Longest wait for the answer to a request (s), and number of requests.
 ANSWER_TIMEOUT = 0.2
 REQUESTS = 3
-# Time after an answer in which another device with the same node id would have answered, too (s).
-SECOND_ANSWER = 0.01
 
 
 class SdoClient:
@@ -49,7 +48,9 @@ class SdoClient:
         self._node_id = node_id
         self._name = name
         self._send = send
-        self._answers: list[bytes] = []  # since the latest request
+        # Requests about an object so far, and the answers since the latest one.
+        self._requests = 0
+        self._answers: list[bytes] = []
 
     def on_answer(self, data: bytearray) -> None:
         """Keep an answer to the latest request."""
@@ -121,9 +122,9 @@ class SdoClient:
         answer = yield from self._request(request, key)
         return answer[0] == canopen.SDO_DOWNLOAD_ANSWER
 
-    def read_of_one(self, key: Key) -> Generator[None, None, int | None]:
+    def read_alone(self, key: Key) -> Generator[None, None, int | None]:
         """
-        Return the value of an object that differs from device to device, as `read`.
+        Return the value of an object as `read`, and refuse a node id that several devices have.
 
         Parameters
         ----------
@@ -133,7 +134,7 @@ class SdoClient:
         Yields
         ------
         None
-            Once a sample, also for SECOND_ANSWER after the answer.
+            Once a sample, also for ALL_ANSWER after the answer.
 
         Returns
         -------
@@ -143,14 +144,14 @@ class SdoClient:
         Raises
         ------
         SetupError
-            The drive does not answer, or another device with its node id does, too.
+            The drive does not answer, or there are more answers than requests.
 
         """
         value = yield from self.read(key)
-        until = self.now + SECOND_ANSWER
+        until = self.now + ALL_ANSWER
         while self.now < until:
             yield
-        if len({*self._answers_about(key)}) > 1:
+        if len(self._answers_about(key)) > self._requests:
             raise SetupError(f'{self._name}: {canopen.shared_node_id(self._node_id, devices=2)}')
         return value
 
@@ -165,7 +166,8 @@ class SdoClient:
         Each of REQUESTS attempts waits for ANSWER_TIMEOUT, and answers about another object are
         ignored.
         """
-        for _ in range(REQUESTS):
+        for number in range(1, REQUESTS + 1):
+            self._requests = number
             self._answers = []
             self._send(message)
             until = self.now + ANSWER_TIMEOUT

@@ -278,7 +278,6 @@ def emcy(
     node_id: int,
     code: int,
     register: int,
-    specific: bytes = b'',
 ) -> can.Message:
     """
     Return an emergency message (CiA 301, 7.2.7).
@@ -291,13 +290,11 @@ def emcy(
         Error code, 16 bits; EMCY_ERROR_RESET for the end of an error.
     register : int
         Error register (1001h), 8 bits.
-    specific : bytes
-        Up to five manufacturer-specific bytes.
 
     """
     data = code.to_bytes(2, 'little')
     data += bytes((register,))
-    data += specific.ljust(5, b'\0')
+    data += bytes(5)  # manufacturer-specific
     return frame(EMCY_BASE + node_id, data)
 
 

@@ -174,7 +174,6 @@ def _counts_per_turn(
             counts.append(resolution(node, layout))
     if len(counts) < len(node_ids) or None in counts:
         return []
-        return []
     return [f'      counts_per_turn: {counts}']
 
 

@@ -466,7 +466,6 @@ def remark_on_phases(scan: BusScan, expected: Expected) -> str | None:
     found = phases(scan, expected)
     if not found or _phase_problem(scan, expected):
         return None
-        return None
     return f'{_phases_text(found, expected)} at present. {SYNC_NEEDED}'
 
 

@@ -77,7 +77,6 @@ class Mode(Generic[Value]):
             return
         if self._owners & self._publishers():
             return
-            return
         self.end()
         node_log.warning(self._node, f'{self._topic} has lost its publisher: its mode ends')
 

@@ -503,16 +503,14 @@ def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
                 )
 
 
-def read_parameters(path: str | Path, node: str = DRIVER) -> dict[str, object]:
+def read_parameters(path: str | Path) -> dict[str, object]:
     """
-    Return a node's parameters in a ROS parameter file.
+    Return the encoder driver's parameters in a ROS parameter file.
 
     Parameters
     ----------
     path : str or Path
         The file.
-    node : str
-        Name of the node; by default the encoder driver.
 
     Returns
     -------
@@ -522,14 +520,14 @@ def read_parameters(path: str | Path, node: str = DRIVER) -> dict[str, object]:
     Raises
     ------
     InputError
-        The file cannot be read, or has nothing for the node.
+        The file cannot be read, or has nothing for the driver.
     SettingError
-        A name is no parameter of the node, or under a wildcard that of no node.
+        A name is no parameter of the driver, or under a wildcard that of no node.
 
     """
     found = Parameters([path])
-    found.check([node], ALL_NAMES)
-    return found.of(node)
+    found.check([DRIVER], ALL_NAMES)
+    return found.of(DRIVER)
 
 
 def _remap(text: str) -> tuple[str, str, str]:

@@ -128,11 +128,11 @@ def test_a_drive_that_boots_in_the_start_up_gets_no_torque(starting, moment):
     starting.ready(TORQUES)
 
 
-@pytest.mark.parametrize('late', [0.0, 5 * MS])
-def test_two_drives_with_one_node_id_get_no_torque(starting, late):
+@pytest.mark.parametrize(('late', 'serial'), [(0.0, 77), (45 * MS, 77), (0.0, 12)])
+def test_two_drives_with_one_node_id_get_no_torque(starting, late, serial):
     """The second one is none of the checked ones, and would make the torque, too."""
     twin = SimulatedDrive(starting.plan, starting.plan.drives[1], factory=False)
-    twin.objects.show(canopen.SERIAL_NUMBER, 77)
+    twin.objects.show(canopen.SERIAL_NUMBER, serial)
     receive = starting.simulation.receive
     # Answers of the twin, and when they go out (s).
     waiting = deque()
@@ -461,7 +461,7 @@ def test_a_frame_that_is_refused_is_zero_torque_of_all_in_the_same_sample(rig, r
     )
 
 
-@pytest.mark.parametrize(('seconds', 'identifier'), [(0.02, 0x60B), (STARTED, 0x20B)])
+@pytest.mark.parametrize(('seconds', 'identifier'), [(0.07, 0x60B), (STARTED, 0x20B)])
 def test_a_full_buffer_is_a_fault_and_ends_the_start_up(starting, seconds, identifier):
     def full(message, timeout):
         raise can.CanOperationError('Transmit buffer full')

@@ -100,11 +100,11 @@ def test_rolling_counter_and_status_bits():
         status_good=0x80,
     )
     assert layout.data(0.3)[4:] == bytes((0x00, 0x80))
-    assert layout.data(0.3, 5, False)[4:] == bytes((0x50, 0x01))
+    assert layout.data(0.3, 5)[4:] == bytes((0x50, 0x80))
     assert [layout.counter(layout.data(0.3, count)) for count in (0, 15, 16, 21)] == [0, 15, 0, 5]
     assert layout.counter_modulus == 16
     assert layout.healthy(layout.data(0.3))
-    assert not layout.healthy(layout.data(0.3, 0, False))
+    assert not layout.healthy(bytes((*layout.data(0.3)[:5], 0x01)))
     assert layout.angle(layout.counts(layout.data(0.3, 9))) == pytest.approx(0.3, abs=2e-4)
     assert PLAIN.counter(PLAIN.data(0.3, 5)) is None
-    assert PLAIN.healthy(PLAIN.data(0.3, healthy=False))
+    assert PLAIN.healthy(bytes([0xFF]) * PLAIN.data_length)
