@@ -17,7 +17,11 @@ class LinearModel:
     with NaN have no orientation. `count` is the number of linearisations.
     """
 
-    def __init__(self, layout, parities=1):
+    def __init__(
+        self,
+        layout,
+        parities=1,
+    ):
         self.layout = layout
         self._parities = parities
         self.count = 0
@@ -27,7 +31,13 @@ class LinearModel:
         unpacked = turned.reshape(len(turned), self._parities, -1)
         return unpacked[:, :, 0], unpacked[:, :, 1:]
 
-    def linearised(self, turned, rotation, vector, columns=()):
+    def linearised(
+        self,
+        turned,
+        rotation,
+        vector,
+        columns=(),
+    ):
         """Return the parity, and its derivatives by the parameters in `columns`."""
         self.count += 1
         y, rows = self.parts(turned)
@@ -40,11 +50,20 @@ class LinearModel:
             rotation=rotation,
         )
 
-    def parity(self, y, rows, vector):
+    def parity(
+        self,
+        y,
+        rows,
+        vector,
+    ):
         """Return the parity, and its derivatives by all parameters."""
         return rows @ vector - y, rows
 
-    def orientations(self, turned, vector):
+    def orientations(
+        self,
+        turned,
+        vector,
+    ):
         """Return an orientation of each sample: none has a meaning."""
         return np.zeros((len(turned), 3, 3))
 

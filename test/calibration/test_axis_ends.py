@@ -32,7 +32,12 @@ def motion_of(
     half = ring // 2
     stamps = T0 + np.rint(1e9 * np.asarray(seconds)).astype(np.int64)
     within = (np.asarray(counts, dtype=float) + half) % ring - half
-    return AxisMotion(axis, stamps, within, ring)
+    return AxisMotion(
+        axis,
+        stamps,
+        within,
+        ring,
+    )
 
 
 def way(
@@ -58,7 +63,11 @@ def way(
 @pytest.mark.parametrize('begin', [0.0, 1500.0, -2700.0])
 @pytest.mark.parametrize('direction', [1, -1])
 @pytest.mark.parametrize('ends', [ENDS, ENDS[::-1], (-0.1, 0.1)])
-def test_a_slide_reads_its_ends_by_what_was_found(begin, direction, ends):
+def test_a_slide_reads_its_ends_by_what_was_found(
+    begin,
+    direction,
+    ends,
+):
     """Whether the counts pass the end of their ring or not."""
     counts_between = 1000.0 * direction * np.sign(ends[1] - ends[0])
     found = calibrate_axis(way(begin, begin + counts_between), ends)
@@ -82,9 +91,21 @@ def test_a_slide_reads_its_ends_by_what_was_found(begin, direction, ends):
 @pytest.mark.parametrize(
     ('ends', 'limits'), [((10.0, 70.0), (6.7, 70.0)), ((60.0, 0.0), (0, 63.3))]
 )
-def test_a_gripper_turns_by_what_was_measured_from_its_second_end(direction, ends, limits):
+def test_a_gripper_turns_by_what_was_measured_from_its_second_end(
+    direction,
+    ends,
+    limits,
+):
     counts_between = 633.0 * direction * np.sign(ends[1] - ends[0])
-    found = calibrate_axis(way(80.0, 80.0 + counts_between, axis='gripper', ring=3600), ends)
+    found = calibrate_axis(
+        way(
+            80.0,
+            80.0 + counts_between,
+            axis='gripper',
+            ring=3600,
+        ),
+        ends,
+    )
     assert found.direction == direction
     assert found.counts_per_unit == pytest.approx(10.0)
     assert found.range == pytest.approx(limits)
@@ -106,8 +127,17 @@ def test_figures_of_the_file_end_at_a_millionth():
 
 @pytest.mark.parametrize('ends', [(0.0, 50.0), (60.0, 10.0)])
 @pytest.mark.parametrize(('counts', 'refused'), [(450, 0), (550, 0), (449, 1), (551, 1)])
-def test_a_gripper_may_differ_by_a_tenth_from_the_angle_given(ends, counts, refused):
-    motion = way(0.0, counts, axis='gripper', ring=3600)
+def test_a_gripper_may_differ_by_a_tenth_from_the_angle_given(
+    ends,
+    counts,
+    refused,
+):
+    motion = way(
+        0.0,
+        counts,
+        axis='gripper',
+        ring=3600,
+    )
     if not refused:
         calibrate_axis(motion, ends)
         return
@@ -120,12 +150,23 @@ def test_a_gripper_may_differ_by_a_tenth_from_the_angle_given(ends, counts, refu
 
 
 def test_the_counts_at_rest_are_means_that_go_on_beyond_the_ring():
-    first, second = resting_counts(way(1800.0, 2600.0, at_first=3.0, at_second=5.0))
+    first, second = resting_counts(
+        way(
+            1800.0,
+            2600.0,
+            at_first=3.0,
+            at_second=5.0,
+        )
+    )
     assert first == pytest.approx(1800.0)
     assert second == pytest.approx(2600.0)
 
 
-def rest_and_way(period_at_first, period_at_second, rest=0.4):
+def rest_and_way(
+    period_at_first,
+    period_at_second,
+    rest=0.4,
+):
     """Return a motion with readings at rest so often, s."""
     begin = np.arange(0.0, rest, period_at_first)
     end = 1.0 + rest - np.arange(0.0, rest, period_at_second)[::-1]
@@ -236,13 +277,32 @@ BEFORE = AxisCalibration(
         (1700.0, 700.0, 'insertion counts in the opposite direction'),
     ],
 )
-def test_what_changed_of_a_slide_is_said(first, second, words):
-    assert change_since(way(first, second), (50.0, 150.0), BEFORE) == words
+def test_what_changed_of_a_slide_is_said(
+    first,
+    second,
+    words,
+):
+    assert (
+        change_since(
+            way(first, second),
+            (50.0, 150.0),
+            BEFORE,
+        )
+        == words
+    )
     # The same motion the other way round.
-    back = change_since(way(second, first), (150.0, 50.0), BEFORE)
+    back = change_since(
+        way(second, first),
+        (150.0, 50.0),
+        BEFORE,
+    )
     swapped = {'first': 'second', 'second': 'first'}
     if words and ';' not in words:
-        words = re.sub('first|second', lambda found: swapped[found[0]], words)
+        words = re.sub(
+            'first|second',
+            lambda found: swapped[found[0]],
+            words,
+        )
     assert (back is None) == (words is None)
     assert words is None or ';' in words or back == words
 
@@ -258,7 +318,12 @@ def test_what_changed_of_a_slide_is_said(first, second, words):
         ((0.0, 62.3), (2.0, 63.0), 'gripper: its second end reads 62.3 deg, not 63'),
     ],
 )
-def test_a_gripper_begins_where_it_was_measured(direction, positions, given, words):
+def test_a_gripper_begins_where_it_was_measured(
+    direction,
+    positions,
+    given,
+    words,
+):
     """Not where its user had said that it does."""
     before = AxisCalibration(
         axis='gripper',
@@ -268,4 +333,16 @@ def test_a_gripper_begins_where_it_was_measured(direction, positions, given, wor
         range=(0.0, 63.0),
     )
     first, second = (1000.0 + 10.0 * direction * position for position in positions)
-    assert change_since(way(first, second, axis='gripper', ring=3600), given, before) == words
+    assert (
+        change_since(
+            way(
+                first,
+                second,
+                axis='gripper',
+                ring=3600,
+            ),
+            given,
+            before,
+        )
+        == words
+    )

@@ -63,7 +63,14 @@ def test_a_file_without_a_parameter_of_the_axis_is_refused_with_its_name(tmp_pat
     for name in parameters:
         axis = name.split('.')[0]
         rest = {other: value for other, value in parameters.items() if other != name}
-        path.write_text(extended_text(path, 'part:', '2026-11-27', rest))
+        path.write_text(
+            extended_text(
+                path,
+                'part:',
+                '2026-11-27',
+                rest,
+            )
+        )
         expected = f'no {name}; expected what calibrate --{axis} wrote$'
         with pytest.raises(InputError, match=expected):
             read_axis(path, axis, counts_per_turn=36_000)

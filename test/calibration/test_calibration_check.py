@@ -232,7 +232,11 @@ def evaluated_by(monkeypatch, evaluation_of):
         seen.append(angles)
         return evaluation_of(angles), 1.0
 
-    monkeypatch.setattr(CalibrationChecker, '_evaluated', evaluated)
+    monkeypatch.setattr(
+        CalibrationChecker,
+        '_evaluated',
+        evaluated,
+    )
     return seen
 
 
@@ -249,12 +253,20 @@ def test_two_thousand_samples_from_the_first_to_the_last_are_evaluated(monkeypat
 
 
 @pytest.mark.parametrize(('usable', 'is_evaluated'), [(0.91, True), (0.9, True), (0.89, False)])
-def test_angles_of_which_nine_tenths_fit_are_evaluated(monkeypatch, usable, is_evaluated):
+def test_angles_of_which_nine_tenths_fit_are_evaluated(
+    monkeypatch,
+    usable,
+    is_evaluated,
+):
     angles = motion_angles(100)
     number = round(100 * usable)
     found = checker()._solved(angles)
     parities = found._replace(usable=np.arange(100) < number)
-    monkeypatch.setattr(CalibrationChecker, '_solved', lambda self, angles: parities)
+    monkeypatch.setattr(
+        CalibrationChecker,
+        '_solved',
+        lambda self, angles: parities,
+    )
     evaluation, share = checker()._evaluated(angles)
     assert (evaluation is not None) is is_evaluated
     assert share == pytest.approx(usable)
@@ -263,7 +275,12 @@ def test_angles_of_which_nine_tenths_fit_are_evaluated(monkeypatch, usable, is_e
 def motion_angles(count, seed=5):
     """Return exact angles of a motion of the rig as drawn."""
     rotation = motion(seed, 1.0, count)
-    return slip_evidence.sensor_angles(rotation, Geometry(), MODE, 4)
+    return slip_evidence.sensor_angles(
+        rotation,
+        Geometry(),
+        MODE,
+        4,
+    )
 
 
 def test_the_parity_is_that_of_the_best_orientations():
@@ -303,7 +320,14 @@ def test_a_motion_has_to_show_a_slip_of_twice_the_bias_or_noise(deviation_deg, w
     assert str(refusal.value) == words
 
 
-def slipping(monkeypatch, slips, share=1.0, left=20.0, slow=1e-4, offset=0.0):
+def slipping(
+    monkeypatch,
+    slips,
+    share=1.0,
+    left=20.0,
+    slow=1e-4,
+    offset=0.0,
+):
     """Let readings be slips alone, of which an evaluation sees a share; return the readings."""
     readings = np.tile(np.asarray(slips, dtype=float), (7, 1))
 
@@ -324,7 +348,12 @@ def slipping(monkeypatch, slips, share=1.0, left=20.0, slow=1e-4, offset=0.0):
 def test_a_slip_is_refined_until_it_no_longer_changes(monkeypatch):
     """By a thousandth of a degree, at most six times."""
     readings, seen = slipping(monkeypatch, [0.0, 0.02, 0.0, 0.0])
-    found = checker()._refined(readings, 1, False, 0.015)
+    found = checker()._refined(
+        readings,
+        1,
+        False,
+        0.015,
+    )
     assert found.slip == pytest.approx(0.02)
     assert found.left == pytest.approx(20.0)
     assert found.deviation == 1e-4
@@ -333,27 +362,69 @@ def test_a_slip_is_refined_until_it_no_longer_changes(monkeypatch):
     assert (found.sensor, found.turned) == (1, False)
     assert len(seen) == 2
     # Half of what is left is found each time: the last change is less than a thousandth.
-    readings, seen = slipping(monkeypatch, [0.0, 0.02, 0.0, 0.0], share=0.5)
+    readings, seen = slipping(
+        monkeypatch,
+        [0.0, 0.02, 0.0, 0.0],
+        share=0.5,
+    )
     start = 0.02 - radians(0.0025)
-    assert checker()._refined(readings, 1, False, start).slip < 0.02
+    assert (
+        checker()
+        ._refined(
+            readings,
+            1,
+            False,
+            start,
+        )
+        .slip
+        < 0.02
+    )
     assert len(seen) == 2
-    readings, seen = slipping(monkeypatch, [0.0, 0.02, 0.0, 0.0], share=0.1)
-    checker()._refined(readings, 1, False, 0.0)
+    readings, seen = slipping(
+        monkeypatch,
+        [0.0, 0.02, 0.0, 0.0],
+        share=0.1,
+    )
+    checker()._refined(
+        readings,
+        1,
+        False,
+        0.0,
+    )
     assert len(seen) == 6
     # What the slip itself explains is not left, even if it is not followed.
-    readings, seen = slipping(monkeypatch, [0.0, 0.02, 0.0, 0.0], share=0.0)
-    assert checker()._refined(readings, 1, False, 0.0).left == pytest.approx(20.0)
+    readings, seen = slipping(
+        monkeypatch,
+        [0.0, 0.02, 0.0, 0.0],
+        share=0.0,
+    )
+    assert checker()._refined(
+        readings,
+        1,
+        False,
+        0.0,
+    ).left == pytest.approx(20.0)
     assert len(seen) == 1
 
 
 def test_a_slip_of_a_reversed_sensor_is_that_of_its_right_direction(monkeypatch):
     """Beyond half a turn it is one the other way."""
     readings, _ = slipping(monkeypatch, [0.0, 0.0, 3.0, 0.0])
-    found = checker()._refined(readings, 2, True, -2.9)
+    found = checker()._refined(
+        readings,
+        2,
+        True,
+        -2.9,
+    )
     assert found.turned
     assert found.slip == pytest.approx(-3.0)
     readings, _ = slipping(monkeypatch, [0.0, 0.0, 3.3, 0.0])
-    assert checker()._refined(readings, 2, False, 3.1).slip == pytest.approx(3.3 - tau)
+    assert checker()._refined(
+        readings,
+        2,
+        False,
+        3.1,
+    ).slip == pytest.approx(3.3 - tau)
 
 
 @pytest.mark.parametrize(
@@ -369,18 +440,39 @@ def test_a_slip_of_a_reversed_sensor_is_that_of_its_right_direction(monkeypatch)
     ],
 )
 def test_a_change_fits_if_noise_bias_or_harmonics_explain_the_rest(
-    monkeypatch, slip_deg, other, left, slow_deg, explains, fits
+    monkeypatch,
+    slip_deg,
+    other,
+    left,
+    slow_deg,
+    explains,
+    fits,
 ):
     """Of a misfit with 25 degrees of freedom 64 is healthy."""
     slips = [0.0, 0.0, radians(slip_deg), 0.0]
-    readings, _ = slipping(monkeypatch, slips, left=left, slow=radians(slow_deg))
-    found = checker()._refined(readings, 2, other, 0.0)
+    readings, _ = slipping(
+        monkeypatch,
+        slips,
+        left=left,
+        slow=radians(slow_deg),
+    )
+    found = checker()._refined(
+        readings,
+        2,
+        other,
+        0.0,
+    )
     assert (found.explains, found.fits) == (explains, fits)
 
 
 def test_a_change_with_which_the_angles_fit_nothing_leaves_all(monkeypatch):
     evaluated_by(monkeypatch, lambda angles: None)
-    found = checker()._refined(np.zeros((5, 4)), 3, True, 0.5)
+    found = checker()._refined(
+        np.zeros((5, 4)),
+        3,
+        True,
+        0.5,
+    )
     assert found == Hypothesis(sensor=3, turned=True, slip=0.5)
     assert found.left == np.inf
     assert not found.explains
@@ -388,17 +480,29 @@ def test_a_change_with_which_the_angles_fit_nothing_leaves_all(monkeypatch):
 
 
 @pytest.mark.parametrize(('left', 'known'), [(63.0, True), (65.0, False)])
-def test_slips_of_all_sensors_explain_what_is_left_healthy(monkeypatch, left, known):
+def test_slips_of_all_sensors_explain_what_is_left_healthy(
+    monkeypatch,
+    left,
+    known,
+):
     slips = [0.01, -0.02, 0.0, 0.03]
     readings, seen = slipping(monkeypatch, slips, left=left)
     found = checker()._several(readings)
     if known:
-        np.testing.assert_allclose(found, slips, atol=1e-12)
+        np.testing.assert_allclose(
+            found,
+            slips,
+            atol=1e-12,
+        )
     else:
         assert found is None
     assert len(seen) == 2
     # The last step is less than a thousandth of a degree.
-    readings, seen = slipping(monkeypatch, np.radians([0.003, 0.0, 0.0, 0.0]), share=0.5)
+    readings, seen = slipping(
+        monkeypatch,
+        np.radians([0.003, 0.0, 0.0, 0.0]),
+        share=0.5,
+    )
     assert checker()._several(readings)[0] == pytest.approx(radians(0.0015))
     readings, _ = slipping(monkeypatch, slips, share=0.01)
     assert checker()._several(readings) is None
@@ -411,13 +515,30 @@ def hypotheses_of(monkeypatch, evaluation):
     starts = []
     shares = []
 
-    def refined(self, angles, sensor, other, slip):
+    def refined(
+        self,
+        angles,
+        sensor,
+        other,
+        slip,
+    ):
         starts.append((sensor, other, slip))
-        return Hypothesis(sensor, other, slip, left=10.0 - slip)
+        return Hypothesis(
+            sensor,
+            other,
+            slip,
+            left=10.0 - slip,
+        )
 
-    monkeypatch.setattr(CalibrationChecker, '_refined', refined)
     monkeypatch.setattr(
-        CalibrationChecker, '_tried', lambda self, angles, sensor, other: 2.0 + other
+        CalibrationChecker,
+        '_refined',
+        refined,
+    )
+    monkeypatch.setattr(
+        CalibrationChecker,
+        '_tried',
+        lambda self, angles, sensor, other: 2.0 + other,
     )
     angles = motion_angles(60)
     found = checker(lambda text, share: shares.append((text, share)))._hypotheses(
@@ -434,8 +555,16 @@ def hypotheses_of(monkeypatch, evaluation):
 
 
 @pytest.mark.parametrize(('slow_deg', 'is_large'), [(0.9, False), (1.1, True)])
-def test_slips_over_the_turn_are_tried_where_the_parity_is_large(monkeypatch, slow_deg, is_large):
-    evaluation = replace(HEALTHY, slip=np.arange(4.0) / 10.0, slow=radians(slow_deg))
+def test_slips_over_the_turn_are_tried_where_the_parity_is_large(
+    monkeypatch,
+    slow_deg,
+    is_large,
+):
+    evaluation = replace(
+        HEALTHY,
+        slip=np.arange(4.0) / 10.0,
+        slow=radians(slow_deg),
+    )
     starts = hypotheses_of(monkeypatch, evaluation)
     tried = [(False, 2.0), (True, 3.0)]
     assert starts == [(False, 0.2), *(tried if is_large else [])]
@@ -453,11 +582,28 @@ def test_a_slip_is_found_by_trying_all_of_a_turn(slip_deg, other):
     assert degrees(wrapped(tried - radians(slip_deg))) == pytest.approx(0.0, abs=1.6)
 
 
-def verdict(monkeypatch, hypotheses, evaluation, several=None):
+def verdict(
+    monkeypatch,
+    hypotheses,
+    evaluation,
+    several=None,
+):
     """Return what is said of angles that a calibration does not explain."""
-    monkeypatch.setattr(CalibrationChecker, '_hypotheses', lambda *_: hypotheses)
-    monkeypatch.setattr(CalibrationChecker, '_several', lambda *_: several)
-    return checker()._changed(np.zeros((5, 4)), evaluation, 0.95)
+    monkeypatch.setattr(
+        CalibrationChecker,
+        '_hypotheses',
+        lambda *_: hypotheses,
+    )
+    monkeypatch.setattr(
+        CalibrationChecker,
+        '_several',
+        lambda *_: several,
+    )
+    return checker()._changed(
+        np.zeros((5, 4)),
+        evaluation,
+        0.95,
+    )
 
 
 def of_sensors(*left, explains=(), fits=()):
@@ -477,23 +623,64 @@ def of_sensors(*left, explains=(), fits=()):
 
 
 def test_one_sensor_that_fits_alone_is_named(monkeypatch):
-    found = verdict(monkeypatch, of_sensors(90.0, 20.0, 95.0, 80.0, explains=(1,)), HEALTHY)
+    found = verdict(
+        monkeypatch,
+        of_sensors(
+            90.0,
+            20.0,
+            95.0,
+            80.0,
+            explains=(1,),
+        ),
+        HEALTHY,
+    )
     assert found.text == 'joint_1b slipped by +11.46 deg (+- 0.57)'
     assert found.changed == found.candidates[0]
     assert found.usable == 0.95
     assert not replace(found, evaluation=None).holds
     # Angles that fit nothing as they are may fit after one slip.
-    found = verdict(monkeypatch, of_sensors(np.inf, 20.0, np.inf, np.inf, fits=(1,)), None)
+    found = verdict(
+        monkeypatch,
+        of_sensors(
+            np.inf,
+            20.0,
+            np.inf,
+            np.inf,
+            fits=(1,),
+        ),
+        None,
+    )
     assert found.changed.sensor == 1
     # Two that leave next to nothing are not told apart by less than three deviations.
-    found = verdict(monkeypatch, of_sensors(np.inf, 0.5, 9.3, np.inf, fits=(1, 2)), None)
+    found = verdict(
+        monkeypatch,
+        of_sensors(
+            np.inf,
+            0.5,
+            9.3,
+            np.inf,
+            fits=(1, 2),
+        ),
+        None,
+    )
     assert found.changed is None
     assert len(found.candidates) == 2
 
 
 def test_sensors_that_fit_about_as_well_are_candidates(monkeypatch):
-    hypotheses = of_sensors(90.0, 27.2, 27.0, 20.0, explains=(1, 3))
-    found = verdict(monkeypatch, hypotheses, HEALTHY, np.zeros(4))
+    hypotheses = of_sensors(
+        90.0,
+        27.2,
+        27.0,
+        20.0,
+        explains=(1, 3),
+    )
+    found = verdict(
+        monkeypatch,
+        hypotheses,
+        HEALTHY,
+        np.zeros(4),
+    )
     assert found.changed is None
     assert [each.sensor for each in found.candidates] == [3, 1]
     assert found.text == (
@@ -504,20 +691,54 @@ def test_sensors_that_fit_about_as_well_are_candidates(monkeypatch):
 
 def test_slips_of_several_sensors_are_named_where_none_alone_explains_the_angles(monkeypatch):
     several = np.radians([0.1, -0.2, 0.0, 0.3])
-    found = verdict(monkeypatch, of_sensors(90.0, 80.0, 70.0, 99.0, fits=(2,)), HEALTHY, several)
+    found = verdict(
+        monkeypatch,
+        of_sensors(
+            90.0,
+            80.0,
+            70.0,
+            99.0,
+            fits=(2,),
+        ),
+        HEALTHY,
+        several,
+    )
     assert found.text == (
         'several zeros moved: joint_1a by +0.10 deg, joint_1b by -0.20 deg, joint_1c by '
         '+0.00 deg, joint_3a by +0.30 deg'
     )
     assert found.changed is None
     # Not where the angles fit nothing: then they are no small slips.
-    alone = of_sensors(90.0, 80.0, 7.0, 99.0, fits=(2,))
-    assert verdict(monkeypatch, alone, None, several).changed.sensor == 2
+    alone = of_sensors(
+        90.0,
+        80.0,
+        7.0,
+        99.0,
+        fits=(2,),
+    )
+    assert (
+        verdict(
+            monkeypatch,
+            alone,
+            None,
+            several,
+        ).changed.sensor
+        == 2
+    )
     assert verdict(monkeypatch, alone, HEALTHY).changed.sensor == 2
 
 
 def test_that_no_change_of_one_sensor_explains_the_angles_is_said(monkeypatch):
-    found = verdict(monkeypatch, of_sensors(90.0, 20.0, 70.0, 99.0), HEALTHY)
+    found = verdict(
+        monkeypatch,
+        of_sensors(
+            90.0,
+            20.0,
+            70.0,
+            99.0,
+        ),
+        HEALTHY,
+    )
     assert found.text == 'no change of one sensor explains the angles'
     assert found.changed is None
     assert found.candidates == ()

@@ -241,8 +241,16 @@ def cautions_of(monkeypatch, *explained, misfit=25.0):
     found.take(*at_rest(4))
     seen = []
     for each in explained:
-        evaluation = replace(HEALTHY, explained=np.array([1.0, each, 0.0, 0.0]), misfit=misfit)
-        monkeypatch.setattr(slip_evidence, 'evaluate', lambda *_, found=evaluation: found)
+        evaluation = replace(
+            HEALTHY,
+            explained=np.array([1.0, each, 0.0, 0.0]),
+            misfit=misfit,
+        )
+        monkeypatch.setattr(
+            slip_evidence,
+            'evaluate',
+            lambda *_, found=evaluation: found,
+        )
         found.evaluate()
         assert found.evaluation is evaluation
         seen.append(found.caution)
@@ -252,14 +260,29 @@ def cautions_of(monkeypatch, *explained, misfit=25.0):
 def test_a_caution_stays_until_the_drift_is_below_four_fifths_of_its_threshold(monkeypatch):
     """Of four deviations: squares of 16, and of 10.24."""
     drifted = 'joint_1b drifted by 0.20 deg since'
-    seen = cautions_of(monkeypatch, 15.9, 16.1, 10.3, 10.2, 15.9)
+    seen = cautions_of(
+        monkeypatch,
+        15.9,
+        16.1,
+        10.3,
+        10.2,
+        15.9,
+    )
     assert seen == ['', drifted, drifted, '', '']
 
 
 def test_sensors_that_are_not_told_apart_are_all_named(monkeypatch):
     """And none where the best leaves more than is healthy."""
-    found = replace(HEALTHY, explained=np.array([16.0, 20.0, 1.0, 17.0]), misfit=60.0)
-    monkeypatch.setattr(slip_evidence, 'evaluate', lambda *_: found)
+    found = replace(
+        HEALTHY,
+        explained=np.array([16.0, 20.0, 1.0, 17.0]),
+        misfit=60.0,
+    )
+    monkeypatch.setattr(
+        slip_evidence,
+        'evaluate',
+        lambda *_: found,
+    )
     on = watch(4)
     on.take(*at_rest(4))
     on.evaluate()

@@ -143,11 +143,17 @@ def test_a_region_leaves_out_a_fortieth_of_a_motion_at_either_edge():
     number = np.arange(4001)
     part = number / 4000.0
     rotation = workspace_pose(
-        np.radians(20.4 * part), 2.0 * number, np.radians(30.3 + 100.0 * (number * 0.618 % 1.0))
+        np.radians(20.4 * part),
+        2.0 * number,
+        np.radians(30.3 + 100.0 * (number * 0.618 % 1.0)),
     )
     found = coverage.region_of(rotation)
     # 95 % of the tilts, and of the turns from 2.5 to 97.5 %.
-    assert found == coverage.Region(tilt_deg=19.0, from_deg=33.0, to_deg=127.0)
+    assert found == coverage.Region(
+        tilt_deg=19.0,
+        from_deg=33.0,
+        to_deg=127.0,
+    )
     assert found.text == 'tilt to 19 deg, self-rotation 33 to 127 deg'
 
 
@@ -163,7 +169,11 @@ def test_angles_around_their_middle_do_not_jump():
 
 def test_a_region_is_looked_at_in_twelve_directions_at_three_tilts_and_five_turns():
     model = free_motions.model_of()
-    region = coverage.Region(tilt_deg=14.0, from_deg=10.0, to_deg=70.0)
+    region = coverage.Region(
+        tilt_deg=14.0,
+        from_deg=10.0,
+        to_deg=70.0,
+    )
     poses = region.poses(model, np.zeros(model.layout.count))
     tilts, turns = (np.degrees(part).round(6) for part in tilt_and_turn(poses))
     assert sorted(set(turns)) == [10.0, 25.0, 40.0, 55.0, 70.0]
@@ -171,7 +181,11 @@ def test_a_region_is_looked_at_in_twelve_directions_at_three_tilts_and_five_turn
     # Without a tilt there is one direction.
     assert len(poses) == 5 * (1 + 2 * 12)
     assert len(np.unique(poses.round(9), axis=0)) == len(poses)
-    far = coverage.Region(tilt_deg=80.0, from_deg=10.0, to_deg=70.0)
+    far = coverage.Region(
+        tilt_deg=80.0,
+        from_deg=10.0,
+        to_deg=70.0,
+    )
     angles = model.joint_angles(
         far.poses(model, np.zeros(model.layout.count)), model.layout.nominal
     )
@@ -199,12 +213,20 @@ def test_the_covariance_is_the_inverse_whatever_the_units():
     units = np.array([1e-4, 1e-2, 1.0, 1e4, 1e8])
     found = coverage.inverse(information * units[:, None] * units)
     expected = np.linalg.inv(information) / units[:, None] / units
-    np.testing.assert_allclose(found, expected, rtol=1e-8)
+    np.testing.assert_allclose(
+        found,
+        expected,
+        rtol=1e-8,
+    )
     # What nothing determines is known badly, and changes nothing of the rest.
     alone = np.zeros((6, 6))
     alone[:5, :5] = information
     found = coverage.inverse(alone)
-    np.testing.assert_allclose(found[:5, :5], np.linalg.inv(information), rtol=1e-8)
+    np.testing.assert_allclose(
+        found[:5, :5],
+        np.linalg.inv(information),
+        rtol=1e-8,
+    )
     assert 1e10 < found[5, 5] < np.inf
     difference = np.array([[1.0, -1.0], [-1.0, 1.0]])
     assert 1e10 < coverage.inverse(difference)[0, 0] < np.inf
@@ -236,7 +258,11 @@ def test_a_rotation_that_all_poses_share_is_no_error(same):
     for column in range(0, model.layout.count, 3):
         wanted = changes[:, :, column].ravel()
         taken = of_frames @ np.linalg.lstsq(of_frames, wanted, rcond=1e-9)[0]
-        np.testing.assert_allclose(found[:, :, column].ravel(), wanted - taken, atol=1e-7)
+        np.testing.assert_allclose(
+            found[:, :, column].ravel(),
+            wanted - taken,
+            atol=1e-7,
+        )
 
 
 def bounds_of(deviations, unexplained=(0.0, 0.0, 0.0, 0.0)):
@@ -245,7 +271,13 @@ def bounds_of(deviations, unexplained=(0.0, 0.0, 0.0, 0.0)):
     vector = free_motions.random_vector(model, 3)
     covariance = np.diag(np.asarray(deviations) ** 2)
     poses = coverage.WORKSPACE.poses(model, vector)
-    bounds = coverage.sensor_bounds(model, vector, covariance, poses, np.array(unexplained))
+    bounds = coverage.sensor_bounds(
+        model,
+        vector,
+        covariance,
+        poses,
+        np.array(unexplained),
+    )
     return model, vector, covariance, poses, bounds
 
 
@@ -265,7 +297,11 @@ def test_bounds_of_a_harmonic_are_those_at_the_worst_pose():
     model, vector, _, poses, bounds = bounds_of(deviations)
     angles = model.joint_angles(poses, model.layout.geometry(vector))[:, 0]
     worst = np.ceil(250.0 * np.abs(np.sin(angles)).max()) / 100.0
-    np.testing.assert_allclose(np.degrees(bounds), [worst, 0.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(
+        np.degrees(bounds),
+        [worst, 0.0, 0.0, 0.0],
+        atol=1e-9,
+    )
 
 
 def test_bounds_are_raised_until_they_cover_the_errors_of_links_and_no_farther():
@@ -290,8 +326,19 @@ def test_the_bound_of_the_parity_is_that_of_the_worst_pose():
     poses = coverage.WORKSPACE.poses(model, vector)
     wrong = np.zeros(model.layout.count)
     wrong[:2] = radians(0.1)
-    bound = coverage.parity_bound(model, vector, np.outer(wrong, wrong), poses, radians(0.034))
-    *_, rates = slip_evidence.reached(poses, model.layout.nominal, (1, 1, 1), 4)
+    bound = coverage.parity_bound(
+        model,
+        vector,
+        np.outer(wrong, wrong),
+        poses,
+        radians(0.034),
+    )
+    *_, rates = slip_evidence.reached(
+        poses,
+        model.layout.nominal,
+        (1, 1, 1),
+        4,
+    )
     # The direction that no rotation explains is orthogonal to the columns of the Jacobian.
     across = np.array([np.linalg.svd(each)[0][:, 3] for each in rates])
     largest = np.abs(across @ [0.1, 0.1, 0.0, 0.0]).max()
@@ -307,7 +354,13 @@ def test_further_motions_are_told_by_what_they_gain():
     before = np.diag(model.layout.deviations**-2.0) + 1e4 * np.eye(model.layout.count)
 
     def gains(information, rate):
-        return coverage.further_motions(model, vector, information, rate, changes)
+        return coverage.further_motions(
+            model,
+            vector,
+            information,
+            rate,
+            changes,
+        )
 
     found = gains(before, 100.0)
     assert list(found.values()) == sorted(found.values(), reverse=True)

@@ -126,7 +126,13 @@ def test_a_third_of_the_motion_in_pieces_of_seconds_confirms_the_fit():
         fit.held_out_part(np.arange(0.0, 2.0, 0.1))
 
 
-def linear_samples(count, parities=2, parameters=3, seed=1, noise=0.5):
+def linear_samples(
+    count,
+    parities=2,
+    parameters=3,
+    seed=1,
+    noise=0.5,
+):
     """Return a linear model, its samples, and their y and A."""
     random = np.random.default_rng(seed)
     deviations = [np.inf, *np.linspace(0.3, 0.6, parameters - 1)]
@@ -143,7 +149,14 @@ def test_normal_equations_are_sums_over_the_samples_within_the_limit(monkeypatch
     parity = rows @ vector - y
     size = np.hypot(*parity.T)
     limit = float(np.sort(size)[-3])
-    found = fit.normal_equations(model, samples, no_rotation(samples), vector, (0, 2), limit)
+    found = fit.normal_equations(
+        model,
+        samples,
+        no_rotation(samples),
+        vector,
+        (0, 2),
+        limit,
+    )
     # The one at the limit is an outlier, too.
     np.testing.assert_array_equal(found.kept, size < limit)
     assert found.kept.sum() == 17
@@ -164,7 +177,13 @@ def test_an_outlier_is_beyond_six_deviations_of_the_rest(deviation, expected):
     samples = samples_of(y, np.ones((len(y), 1, 1)))
     samples[100:110] = np.nan
     model = LinearModel(layout_of([np.inf]))
-    found = fit.normal_equations(model, samples, no_rotation(samples), np.zeros(1), (0,))
+    found = fit.normal_equations(
+        model,
+        samples,
+        no_rotation(samples),
+        np.zeros(1),
+        (0,),
+    )
     assert found.limit == pytest.approx(expected, rel=0.02)
     assert not found.kept[:50].any()
     assert not found.kept[100:110].any()
@@ -175,7 +194,13 @@ def test_the_limit_of_outliers_follows_the_median_from_its_own_size_on():
     y = np.linspace(0.0, 2.0, 101)[:, None]
     samples = samples_of(y, np.ones((101, 1, 1)))
     model = LinearModel(layout_of([np.inf]))
-    found = fit.normal_equations(model, samples, no_rotation(samples), np.zeros(1), ())
+    found = fit.normal_equations(
+        model,
+        samples,
+        no_rotation(samples),
+        np.zeros(1),
+        (),
+    )
     # Of a normal distribution half is within 0.6745 deviations.
     assert found.limit == pytest.approx(6.0 / 0.6745, rel=1e-3)
 
@@ -184,12 +209,21 @@ def test_a_linear_fit_is_that_of_ridge_regression():
     """A parameter that is not estimated keeps its value."""
     model, samples, y, rows = linear_samples(50, parameters=4)
     start = np.array([0.2, 0.1, 0.4, -0.3])
-    found = fit.fit(model, samples, start, (0, 1, 3))
+    found = fit.fit(
+        model,
+        samples,
+        start,
+        (0, 1, 3),
+    )
     inside = rows[:, :, [0, 1, 3]].reshape(-1, 3)
     rest = (y - 0.4 * rows[:, :, 2]).ravel()
     weights = model.layout.deviations[[0, 1, 3]] ** -2.0
     expected = np.linalg.solve(inside.T @ inside + np.diag(weights), inside.T @ rest)
-    np.testing.assert_allclose(found.vector[[0, 1, 3]], expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        found.vector[[0, 1, 3]],
+        expected,
+        rtol=1e-9,
+    )
     assert found.vector[2] == 0.4
     assert found.columns == (0, 1, 3)
     left = inside @ expected - rest
@@ -201,7 +235,12 @@ def test_a_linear_fit_is_that_of_ridge_regression():
 
 def test_without_a_sample_that_is_kept_the_parity_is_infinite():
     model, samples, *_ = linear_samples(10)
-    found = fit.fit(model, samples, np.zeros(3), (0,))
+    found = fit.fit(
+        model,
+        samples,
+        np.zeros(3),
+        (0,),
+    )
     none = replace(found.normal, kept=np.zeros(10, dtype=bool))
     assert replace(found, normal=none).rms == np.inf
 
@@ -209,24 +248,53 @@ def test_without_a_sample_that_is_kept_the_parity_is_infinite():
 def test_a_damped_step_is_that_of_levenberg_and_marquardt():
     """What nothing determines yet stays as it is."""
     model, samples, *_ = linear_samples(30)
-    now = fit.normal_equations(model, samples, no_rotation(samples), np.zeros(3), (0, 1, 2))
+    now = fit.normal_equations(
+        model,
+        samples,
+        no_rotation(samples),
+        np.zeros(3),
+        (0, 1, 2),
+    )
     weights = np.array([0.0, 11.0, 3.0])
     estimated = np.array([0.3, -0.2, 0.1])
     matrix = now.matrix + np.diag(weights)
     right = now.right + weights * estimated
     for damping in (0.0, 0.7):
         damped = matrix + damping * np.diag(np.diag(matrix))
-        step = fit._damped_step(now, weights, estimated, damping)
+        step = fit._damped_step(
+            now,
+            weights,
+            estimated,
+            damping,
+        )
         np.testing.assert_allclose(step, -np.linalg.solve(damped, right))
-    unseen = replace(now, matrix=np.diag([2.0, 0.0, 0.0]), right=np.array([1.0, 0.0, 0.0]))
-    step = fit._damped_step(unseen, np.zeros(3), estimated, 0.0)
-    np.testing.assert_allclose(step, [-0.5, 0.0, 0.0], atol=1e-12)
+    unseen = replace(
+        now,
+        matrix=np.diag([2.0, 0.0, 0.0]),
+        right=np.array([1.0, 0.0, 0.0]),
+    )
+    step = fit._damped_step(
+        unseen,
+        np.zeros(3),
+        estimated,
+        0.0,
+    )
+    np.testing.assert_allclose(
+        step,
+        [-0.5, 0.0, 0.0],
+        atol=1e-12,
+    )
 
 
 class Steep(LinearModel):
     """A model that reports slopes that are twice too steep: each step goes half of the way."""
 
-    def parity(self, y, rows, vector):
+    def parity(
+        self,
+        y,
+        rows,
+        vector,
+    ):
         parity, slopes = super().parity(y, rows, vector)
         return parity, 2.0 * slopes
 
@@ -240,7 +308,12 @@ def test_a_fit_ends_with_a_step_of_a_fiftieth_of_the_deviation(parameters, far):
     model = Steep(layout_of([np.inf] * parameters))
     deviation = 1.0 / (2.0 * np.sqrt(5.0))
     start = np.full(parameters, far * deviation)
-    found = fit.fit(model, samples, start, range(parameters))
+    found = fit.fit(
+        model,
+        samples,
+        start,
+        range(parameters),
+    )
     left = np.abs(found.vector) / deviation
     assert (left < 0.02).all()
     assert (left >= 0.01).all()
@@ -251,7 +324,12 @@ class Arctangent(LinearModel):
 
     limit = np.inf
 
-    def parity(self, y, rows, vector):
+    def parity(
+        self,
+        y,
+        rows,
+        vector,
+    ):
         if np.abs(vector).max() > self.limit:
             raise GeometryError('no such mechanism')
         straight = rows @ vector - y
@@ -264,7 +342,12 @@ def test_damping_brings_back_steps_that_run_away_or_to_no_mechanism(start, limit
     model = Arctangent(layout_of([np.inf]))
     model.limit = limit
     samples = samples_of(np.zeros((4, 1)), np.full((4, 1, 1), 1.0))
-    found = fit.fit(model, samples, np.array([start]), (0,))
+    found = fit.fit(
+        model,
+        samples,
+        np.array([start]),
+        (0,),
+    )
     assert abs(found.vector[0]) < 1e-3
 
 
@@ -272,10 +355,29 @@ def test_damping_brings_back_steps_that_run_away_or_to_no_mechanism(start, limit
 def test_the_limit_of_outliers_is_followed_if_it_changes_by_a_fiftieth(factor, follows):
     model, samples, y, rows = linear_samples(40, noise=30.0)
     vector = np.zeros(3)
-    own = fit.normal_equations(model, samples, no_rotation(samples), vector, (0,))
+    own = fit.normal_equations(
+        model,
+        samples,
+        no_rotation(samples),
+        vector,
+        (0,),
+    )
     assert own.limit > 6.0
-    before = fit.normal_equations(model, samples, own.rotation, vector, (0,), factor * own.limit)
-    after = fit._with_own_limit(model, samples, before, vector, (0,))
+    before = fit.normal_equations(
+        model,
+        samples,
+        own.rotation,
+        vector,
+        (0,),
+        factor * own.limit,
+    )
+    after = fit._with_own_limit(
+        model,
+        samples,
+        before,
+        vector,
+        (0,),
+    )
     assert after.limit == (own.limit if follows else before.limit)
 
 
@@ -286,8 +388,18 @@ def selection_of(fitted, held):
     model = LinearModel(layout_of([np.inf, *[0.5] * (rows.shape[2] - 1)]))
     samples = samples_of(y, rows)
     is_held = np.arange(len(y)) >= len(fitted[0])
-    first = fit.fit(model, samples, np.zeros(rows.shape[2]), (0,))
-    return fit._Selection(model, samples, is_held, first)
+    first = fit.fit(
+        model,
+        samples,
+        np.zeros(rows.shape[2]),
+        (0,),
+    )
+    return fit._Selection(
+        model,
+        samples,
+        is_held,
+        first,
+    )
 
 
 @pytest.mark.parametrize('factor', [1.0, 3.0])
@@ -331,12 +443,20 @@ def test_what_is_held_out_may_be_worse_by_three_standard_errors(deviations, conf
 def test_held_out_outliers_count_with_their_limit():
     y = np.array([[1.0], [-2.0], [0.5], [1.5], [50.0], [-1.0], [np.nan]])
     model = LinearModel(layout_of([np.inf]))
-    squares = fit._outside(model, samples_of(y, np.ones((7, 1, 1))), np.zeros(1))
+    squares = fit._outside(
+        model,
+        samples_of(y, np.ones((7, 1, 1))),
+        np.zeros(1),
+    )
     limit = 6.0 * 1.4826 * 1.25
     np.testing.assert_allclose(squares[:6], [1.0, 4.0, 0.25, 2.25, limit**2, 1.0])
 
 
-def chosen(wrong_of_held=(), unseen=(), only_together=False):
+def chosen(
+    wrong_of_held=(),
+    unseen=(),
+    only_together=False,
+):
     """
     Choose among the groups of a linear model with 0.1 for each parameter.
 
@@ -344,7 +464,11 @@ def chosen(wrong_of_held=(), unseen=(), only_together=False):
     of `unseen`. Of two groups that are confirmed together only, the part fitted sees mostly the
     sum of two parameters, and the part held out their difference.
     """
-    layout = Layout(4, mechanism_tolerance=1.0, harmonic_tolerance=1.0)
+    layout = Layout(
+        4,
+        mechanism_tolerance=1.0,
+        harmonic_tolerance=1.0,
+    )
     model = LinearModel(layout)
     random = np.random.default_rng(2)
     count = 1200
@@ -363,7 +487,12 @@ def chosen(wrong_of_held=(), unseen=(), only_together=False):
         true[np.ix_(held, layout.columns(group))] = -0.1
     y = np.einsum('nkp,np->nk', rows, true) + random.normal(size=(count, 1))
     samples = samples_of(y, rows)
-    first = fit.fit(model, samples, np.zeros(layout.count), layout.columns('zeros'))
+    first = fit.fit(
+        model,
+        samples,
+        np.zeros(layout.count),
+        layout.columns('zeros'),
+    )
     seen = []
     vector, columns, left = fit.choose(
         model,
@@ -381,7 +510,11 @@ def test_groups_that_the_motion_determines_and_confirms_are_chosen():
     layout, vector, columns, left = chosen()
     assert columns == tuple(range(layout.count))
     assert left == {}
-    np.testing.assert_allclose(vector, 0.1, atol=2e-3)
+    np.testing.assert_allclose(
+        vector,
+        0.1,
+        atol=2e-3,
+    )
 
 
 def test_a_group_that_nothing_determines_is_left_with_that_reason():
@@ -402,4 +535,8 @@ def test_groups_that_are_confirmed_together_only_are_chosen():
     layout, vector, columns, left = chosen(only_together=True)
     assert columns == tuple(range(layout.count))
     assert left == {}
-    np.testing.assert_allclose(vector, 0.1, atol=2e-3)
+    np.testing.assert_allclose(
+        vector,
+        0.1,
+        atol=2e-3,
+    )

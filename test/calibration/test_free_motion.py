@@ -229,9 +229,20 @@ def test_the_record_of_a_file_has_few_digits(calibration, tmp_path):
         readings=replace(calibration.readings, seconds=seconds),
         left={'links': 'no reason', 'base axes': 'none either'},
     )
-    checked = results.Checked(1.0, (0.98765, 0.5, 0.1234, 1.0), 0.45678)
+    checked = results.Checked(
+        1.0,
+        (0.98765, 0.5, 0.1234, 1.0),
+        0.45678,
+    )
     path = tmp_path / 'calibration.yaml'
-    verdict = results.Verdict(part, ORIGIN, 0.5, 0.9987654, 0.04, checked)
+    verdict = results.Verdict(
+        part,
+        ORIGIN,
+        0.5,
+        0.9987654,
+        0.04,
+        checked,
+    )
     path.write_text(results.motion_text(verdict))
     assert not re.search(r'\.\d{13}', path.read_text())
     record = read_sections(path)[1].values
@@ -246,11 +257,22 @@ def test_the_record_of_a_file_has_few_digits(calibration, tmp_path):
 
 
 @pytest.mark.parametrize(('target_deg', 'verb'), [(0.101, 'reached'), (0.099, 'NOT reached')])
-def test_a_verdict_says_where_and_whether_the_target_is_reached(calibration, target_deg, verb):
+def test_a_verdict_says_where_and_whether_the_target_is_reached(
+    calibration,
+    target_deg,
+    verb,
+):
     part = replace(calibration)
     part.__dict__['region_error'] = radians(0.1)
     checked = results.Checked(1.0, (0.9, 0.0, 0.8, 0.0), 1.42)
-    found = results.Verdict(part, ORIGIN, 0.5, 1.0, target_deg, checked)
+    found = results.Verdict(
+        part,
+        ORIGIN,
+        0.5,
+        1.0,
+        target_deg,
+        checked,
+    )
     assert found.text == (
         'Good for an alert limit of 0.5 deg or more, over the workspace: tilt to 16 deg, '
         'self-rotation 0 to 80 deg.'
@@ -469,7 +491,11 @@ def test_guidance_is_the_recorded_one(monkeypatch):
         ({'noisy': 1.12}, 'the sets come at irregular times: differences of the readings of joi'),
     ],
 )
-def test_a_caution_begins_where_its_limit_is_exceeded(calibration, change, caution):
+def test_a_caution_begins_where_its_limit_is_exceeded(
+    calibration,
+    change,
+    caution,
+):
     c = calibration
     noise = c.noise.copy()
     if 'noisy' in change:
@@ -482,10 +508,19 @@ def test_a_caution_begins_where_its_limit_is_exceeded(calibration, change, cauti
         assert 'joint_1c look like a noise of' in cautions[0]
 
 
-def cures_of(calibration, of_zeros, of_rest):
+def cures_of(
+    calibration,
+    of_zeros,
+    of_rest,
+):
     """Return the cures where the motion has these informations, 1/rad^2, of each parameter."""
     information = np.diag([of_zeros] * 4 + [of_rest] * 28)
-    found = replace(calibration, information=information, advice='turn it', advice_gain=6.25)
+    found = replace(
+        calibration,
+        information=information,
+        advice='turn it',
+        advice_gain=6.25,
+    )
     cures = found.cures
     assert list(cures) == [
         'a larger motion (turn it)',
@@ -502,7 +537,11 @@ def test_cures_say_by_what_they_divide_the_error(calibration):
 
 
 @pytest.mark.parametrize(('error_deg', 'refused'), [(0.19, False), (0.21, True)])
-def test_zeros_that_leave_a_fifth_of_a_degree_are_not_determined(monkeypatch, error_deg, refused):
+def test_zeros_that_leave_a_fifth_of_a_degree_are_not_determined(
+    monkeypatch,
+    error_deg,
+    refused,
+):
     """As the whole motion has it, of which the fit has half of the samples."""
     model = free_motions.model_of()
     vector = np.zeros(model.layout.count)
@@ -513,14 +552,24 @@ def test_zeros_that_leave_a_fifth_of_a_degree_are_not_determined(monkeypatch, er
     information = 0.5 * np.eye(4) * (of_one / radians(error_deg)) ** 2
     first = SimpleNamespace(vector=vector, normal=SimpleNamespace(matrix=information))
     if not refused:
-        free_motion._check_zeros(model, first, 2.0, 'turn it')
+        free_motion._check_zeros(
+            model,
+            first,
+            2.0,
+            'turn it',
+        )
         return
     words = (
         '^the motion does not determine the zeros: they leave a predicted error of 0.21 deg, '
         'limit 0.2 deg; turn it$'
     )
     with pytest.raises(CalibrationError, match=words):
-        free_motion._check_zeros(model, first, 2.0, 'turn it')
+        free_motion._check_zeros(
+            model,
+            first,
+            2.0,
+            'turn it',
+        )
 
 
 @pytest.fixture
@@ -529,26 +578,54 @@ def searched(monkeypatch):
     asked = []
     start = zero_search.Start((1, -1, 1, 1), np.zeros(32))
 
-    def find_start(means, model, progress, swaps):
+    def find_start(
+        means,
+        model,
+        progress,
+        swaps,
+    ):
         asked.append(swaps)
         return start
 
-    monkeypatch.setattr(free_motion, 'find_start', find_start)
-    monkeypatch.setattr(free_motion, 'fitted', lambda layout, means, start, progress: start)
+    monkeypatch.setattr(
+        free_motion,
+        'find_start',
+        find_start,
+    )
+    monkeypatch.setattr(
+        free_motion,
+        'fitted',
+        lambda layout, means, start, progress: start,
+    )
     return asked
 
 
 def test_directions_are_those_that_were_given_if_any_were(searched):
     stamps, raw, _ = fifth_of_short_motion()
     for given in (None, (1, -1, 1, 1)):
-        assert calibrate_motion(Layout(4), stamps, raw, given).direction == (1, -1, 1, 1)
+        assert calibrate_motion(
+            Layout(4),
+            stamps,
+            raw,
+            given,
+        ).direction == (1, -1, 1, 1)
     words = (
         r'^joint_1b turns with direction -1, encoders.direction has \+1; joint_3a turns with '
         r'direction \+1, encoders.direction has -1$'
     )
     with pytest.raises(CalibrationError, match=words):
-        calibrate_motion(Layout(4), stamps, raw, (1, 1, 1, -1))
-    calibrate_motion(Layout(4), stamps, raw, swaps=False)
+        calibrate_motion(
+            Layout(4),
+            stamps,
+            raw,
+            (1, 1, 1, -1),
+        )
+    calibrate_motion(
+        Layout(4),
+        stamps,
+        raw,
+        swaps=False,
+    )
     # Exchanged encoders are looked for unless it is said otherwise.
     assert searched == [True, True, True, False]
 
@@ -559,19 +636,40 @@ class Motions:
     def __init__(self, monkeypatch):
         self.searches = []
         self.finds = False
-        monkeypatch.setattr(free_motion, 'motion_readings', self._readings)
-        monkeypatch.setattr(free_motion, 'find_start', self._search)
         monkeypatch.setattr(
-            free_motion, '_outlook', lambda *_: (radians(0.123), {'tilt it': 4.0, 'turn it': 1.25})
+            free_motion,
+            'motion_readings',
+            self._readings,
+        )
+        monkeypatch.setattr(
+            free_motion,
+            'find_start',
+            self._search,
+        )
+        monkeypatch.setattr(
+            free_motion,
+            '_outlook',
+            lambda *_: (radians(0.123), {'tilt it': 4.0, 'turn it': 1.25}),
         )
         self.guide = free_motion.Guide(Layout(4))
 
-    def _readings(self, stamps, readings):
+    def _readings(
+        self,
+        stamps,
+        readings,
+    ):
         return SimpleNamespace(
-            seconds=np.array([0.0, stamps]), readings=readings, sigma=np.full(4, 1e-3)
+            seconds=np.array([0.0, stamps]),
+            readings=readings,
+            sigma=np.full(4, 1e-3),
         )
 
-    def _search(self, means, model, swaps):
+    def _search(
+        self,
+        means,
+        model,
+        swaps,
+    ):
         self.searches.append(float(means.seconds[-1]))
         assert swaps is False
         if self.finds:
@@ -587,7 +685,13 @@ class Motions:
 def test_zeros_are_searched_for_once_all_joints_have_moved_far_enough(monkeypatch):
     """By 25 deg; again when the motion has become half as long again."""
     motions = Motions(monkeypatch)
-    found = motions.after(10.0, 50.0, 24.0, 30.0, 100.0)
+    found = motions.after(
+        10.0,
+        50.0,
+        24.0,
+        30.0,
+        100.0,
+    )
     assert found.error is None
     assert found.text.endswith('turn it both ways (joint_1b has moved by 24 deg)')
     assert found.covered == pytest.approx(

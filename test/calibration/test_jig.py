@@ -316,13 +316,32 @@ def test_a_device_has_moved_if_the_means_of_tenths_differ_by_eight_deviations():
     """The noise is 141.4 counts, and that of the mean of a hundred sets a tenth of it."""
     per_turn = (1_000_000,) * 4
     allowed = radians(8.0 * 14.142 * 360e-6)
-    mean, noise = jig.read_still(at_rest(112), per_turn, radians(1.0), radians(0.001))
+    mean, noise = jig.read_still(
+        at_rest(112),
+        per_turn,
+        radians(1.0),
+        radians(0.001),
+    )
     np.testing.assert_allclose(mean, [5000.0, 5011.2, 5000.0, 5000.0])
-    np.testing.assert_allclose(noise, radians(141.4 * 360e-6), rtol=1e-2)
+    np.testing.assert_allclose(
+        noise,
+        radians(141.4 * 360e-6),
+        rtol=1e-2,
+    )
     with pytest.raises(CalibrationError, match=r'joint_1b by 0\.041 deg, limit 0\.041 deg$'):
-        jig.read_still(at_rest(115), per_turn, radians(1.0), radians(0.001))
+        jig.read_still(
+            at_rest(115),
+            per_turn,
+            radians(1.0),
+            radians(0.001),
+        )
     # A limit that is larger than noise makes it counts.
-    jig.read_still(at_rest(115), per_turn, radians(1.0), 1.05 * allowed)
+    jig.read_still(
+        at_rest(115),
+        per_turn,
+        radians(1.0),
+        1.05 * allowed,
+    )
 
 
 def test_counts_that_are_more_than_half_a_turn_apart_wrap():
@@ -362,7 +381,9 @@ def exact_station(angles_deg, counts):
     ],
 )
 def test_counts_that_move_as_the_jig_but_for_a_quarter_determine_a_direction(
-    angle_deg, counts, direction
+    angle_deg,
+    counts,
+    direction,
 ):
     """Of two joints, the other of which does not move; 10 counts are a degree."""
     stations = (
@@ -380,7 +401,14 @@ def test_the_zero_count_is_the_mean_and_the_pose_that_is_off_is_named():
     stations = [exact_station(*each) for each in zip(angles, counts, strict=True)]
 
     def calibrated_to(tolerance_deg):
-        return jig.calibrate(stations, (1,), (3600,), 'today', (0.1,), radians(tolerance_deg))
+        return jig.calibrate(
+            stations,
+            (1,),
+            (3600,),
+            'today',
+            (0.1,),
+            radians(tolerance_deg),
+        )
 
     assert calibrated_to(0.51).zero_count == (102,)
     words = (

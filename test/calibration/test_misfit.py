@@ -203,7 +203,11 @@ def test_slow_errors_are_the_means_of_half_seconds():
     """The mean of m samples of white noise has the variance 1 / m; these have more."""
     seconds = np.concatenate([np.arange(0.0, 1.0, 0.05), 3.0 + np.arange(0.0, 0.5, 0.05)])
     changing = np.where(np.arange(30) % 2, 5.0, -5.0)
-    of_pieces = np.repeat([[3.0, 0.0], [0.0, 4.0], [1.0, 2.0]], 10, axis=0)
+    of_pieces = np.repeat(
+        [[3.0, 0.0], [0.0, 4.0], [1.0, 2.0]],
+        10,
+        axis=0,
+    )
     parity = of_pieces + changing[:, None]
     expected = 10.0 * (9.0 + 16.0 + 5.0) / 6.0
     assert misfit.slow_factor(seconds, normal_of(parity)) == pytest.approx(expected)
@@ -248,7 +252,13 @@ def test_the_error_that_no_parameter_explains_is_that_of_one_sensor_alone(count,
     samples = samples_of(random.normal(size=(count + 1, 2)), rows)
     model = LinearModel(layout_of([np.inf] * 4 + [1.0]), 2)
     normal = replace(normal_of(np.zeros((count + 1, 2))), kept=np.arange(count + 1) > 0)
-    found = misfit.unexplained_errors(model, samples, np.zeros(5), normal, 3.0)
+    found = misfit.unexplained_errors(
+        model,
+        samples,
+        np.zeros(5),
+        normal,
+        3.0,
+    )
     gains = rows[1::step, :, :4]
     lengths = np.sqrt((gains**2).sum(axis=1).mean(axis=0))
     np.testing.assert_allclose(found, 3.0 / lengths)
@@ -272,7 +282,17 @@ def contradicting(axis, count=301):
     y[10] = 90.0
     model = LinearModel(layout_of([np.inf, 0.7, 0.9, 0.8]))
     samples = samples_of(y, rows)
-    return model, samples, fit(model, samples, np.zeros(4), (0, 1, 3), rotation)
+    return (
+        model,
+        samples,
+        fit(
+            model,
+            samples,
+            np.zeros(4),
+            (0, 1, 3),
+            rotation,
+        ),
+    )
 
 
 def halves_by(rotation):
@@ -323,8 +343,23 @@ def test_what_a_slip_explains_is_what_one_more_parameter_would_improve():
     model = LinearModel(layout_of([np.inf] * 4 + [0.5]))
     samples = samples_of(y, rows)
     vector = np.array([0.2, -0.1, 0.3, 0.1, 0.3])
-    normal = normal_equations(model, samples, no_rotation(samples), vector, tuple(range(5)))
-    found = misfit._slips(model, samples, Fit(vector, tuple(range(5)), normal, 0.0))
+    normal = normal_equations(
+        model,
+        samples,
+        no_rotation(samples),
+        vector,
+        tuple(range(5)),
+    )
+    found = misfit._slips(
+        model,
+        samples,
+        Fit(
+            vector,
+            tuple(range(5)),
+            normal,
+            0.0,
+        ),
+    )
     counted = np.arange(count) != 150
     known_before = np.array([0.0, 0.0, 0.0, 0.0, 2.0])
     right = np.append(y[counted, 0], 0.0)
@@ -359,44 +394,114 @@ def test_a_slip_that_nothing_shows_explains_nothing():
     np.testing.assert_array_equal(slips.explained, [[2.25, 0.0, 0.0]])
 
 
-def said_of(monkeypatch, row, best, other, least=100.0):
+def said_of(
+    monkeypatch,
+    row,
+    best,
+    other,
+    least=100.0,
+):
     """Return what is said where the third of four sensors explains `best`, the first `other`."""
     size = np.ones((60, 4))
     slope = np.zeros((60, 4))
     slope[row, 2] = np.sqrt(best)
     slope[5, 0] = np.sqrt(other)
-    slips = misfit._Slips(slope=0.01 * slope, size=1e-4 * size, least=least)
-    monkeypatch.setattr(misfit, '_slips', lambda *_: slips)
+    slips = misfit._Slips(
+        slope=0.01 * slope,
+        size=1e-4 * size,
+        least=least,
+    )
+    monkeypatch.setattr(
+        misfit,
+        '_slips',
+        lambda *_: slips,
+    )
     try:
-        misfit.check_slip(None, None, 10.0 + 0.1 * np.arange(600), None)
+        misfit.check_slip(
+            None,
+            None,
+            10.0 + 0.1 * np.arange(600),
+            None,
+        )
     except CalibrationError as error:
         return str(error)
     return ''
 
 
 def test_no_slip_is_named_that_noise_may_feign(monkeypatch):
-    assert said_of(monkeypatch, 20, best=99.9, other=0.0) == ''
-    assert said_of(monkeypatch, 20, best=399.0, other=0.0, least=400.0) == ''
-    assert said_of(monkeypatch, 20, best=101.0, other=0.0).startswith('joint_1c slipped by')
+    assert (
+        said_of(
+            monkeypatch,
+            20,
+            best=99.9,
+            other=0.0,
+        )
+        == ''
+    )
+    assert (
+        said_of(
+            monkeypatch,
+            20,
+            best=399.0,
+            other=0.0,
+            least=400.0,
+        )
+        == ''
+    )
+    assert said_of(
+        monkeypatch,
+        20,
+        best=101.0,
+        other=0.0,
+    ).startswith('joint_1c slipped by')
 
 
 def test_a_slip_is_named_with_size_and_time(monkeypatch):
     """Of 60 pieces of a second from 10 s on; the slip is after the 21st."""
-    assert said_of(monkeypatch, 20, best=400.0, other=0.0) == (
+    assert said_of(
+        monkeypatch,
+        20,
+        best=400.0,
+        other=0.0,
+    ) == (
         f'joint_1c slipped by {np.degrees(-2000.0):+.2f} deg during the motion, about 31 s after '
         f'its beginning; {FASTEN}'
     )
-    assert said_of(monkeypatch, 59, best=400.0, other=0.0).startswith('joint_1c drifted by')
-    assert ' about 69 s after' in said_of(monkeypatch, 58, best=400.0, other=0.0)
+    assert said_of(
+        monkeypatch,
+        59,
+        best=400.0,
+        other=0.0,
+    ).startswith('joint_1c drifted by')
+    assert ' about 69 s after' in said_of(
+        monkeypatch,
+        58,
+        best=400.0,
+        other=0.0,
+    )
 
 
 @pytest.mark.parametrize(
     ('other', 'named'), [(0.0, True), (890.0, True), (910.0, False), (999.0, False)]
 )
-def test_a_sensor_is_named_if_no_other_explains_nine_tenths_as_much(monkeypatch, other, named):
-    said = said_of(monkeypatch, 20, best=1000.0, other=other)
+def test_a_sensor_is_named_if_no_other_explains_nine_tenths_as_much(
+    monkeypatch,
+    other,
+    named,
+):
+    said = said_of(
+        monkeypatch,
+        20,
+        best=1000.0,
+        other=other,
+    )
     assert said.startswith(
         'joint_1c slipped by' if named else 'one of the encoders slipped during'
     )
     # Nor one that explains no more than noise may.
-    assert said_of(monkeypatch, 20, best=105.0, other=99.0).startswith('joint_1c slipped by')
+    assert said_of(
+        monkeypatch,
+        20,
+        best=105.0,
+        other=99.0,
+    ).startswith('joint_1c slipped by')

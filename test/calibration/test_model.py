@@ -236,7 +236,11 @@ def test_harmonics_are_cosine_and_sine_of_the_angle_and_of_twice_it(without):
     deviation, slope = layout.harmonic_deviation(angles, vector)
     np.testing.assert_allclose(deviation, expected(angles))
     difference = (expected(angles + 1e-6) - expected(angles - 1e-6)) / 2e-6
-    np.testing.assert_allclose(slope, difference, atol=1e-8)
+    np.testing.assert_allclose(
+        slope,
+        difference,
+        atol=1e-8,
+    )
     # Of the cosines or the sines alone, as well.
     for part in (0, 1):
         alone = np.zeros(layout.count)
@@ -260,7 +264,12 @@ def skewed():
     base = np.array([[0.0, 0.0, 1.0], [np.sin(1.4), 0.0, np.cos(1.4)], [0.2, 0.95, 0.15]])
     base[2] /= np.linalg.norm(base[2])
     drawn = Geometry()
-    return Geometry.from_axes(base, drawn.platform_axes, drawn.alphas, drawn.betas)
+    return Geometry.from_axes(
+        base,
+        drawn.platform_axes,
+        drawn.alphas,
+        drawn.betas,
+    )
 
 
 def changed(layout, **numbers):
@@ -278,8 +287,16 @@ def test_links_deviate_by_their_numbers():
         np.subtract(found.alphas, layout.nominal.alphas), [0.01, 0.02, 0.03]
     )
     np.testing.assert_allclose(np.subtract(found.betas, layout.nominal.betas), [0.04, 0.05, 0.06])
-    np.testing.assert_allclose(found.base_axes, layout.nominal.base_axes, atol=1e-12)
-    np.testing.assert_allclose(found.platform_axes, layout.nominal.platform_axes, atol=1e-12)
+    np.testing.assert_allclose(
+        found.base_axes,
+        layout.nominal.base_axes,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(
+        found.platform_axes,
+        layout.nominal.platform_axes,
+        atol=1e-12,
+    )
 
 
 @pytest.mark.parametrize('turn', [0.03, -0.02])
@@ -301,7 +318,11 @@ def test_the_third_axis_of_the_base_is_turned_towards_the_first_and_across(towar
     found = np.array(changed(layout, base_axes=[0.0, towards, across]).base_axes)
     expected = third + towards * to + across * sideways
     np.testing.assert_allclose(found[2], expected / np.linalg.norm(expected))
-    np.testing.assert_allclose(found[:2], [first, second], atol=1e-12)
+    np.testing.assert_allclose(
+        found[:2],
+        [first, second],
+        atol=1e-12,
+    )
 
 
 @pytest.mark.parametrize('number', [0, 1, 2])
@@ -316,13 +337,25 @@ def test_a_deviation_of_the_platform_axes_is_no_rotation_and_no_change_of_length
     cosines = (found @ found.T - drawn @ drawn.T)[[0, 1, 2], [1, 2, 0]] / step
     assert np.linalg.norm(cosines) > 0.5
     tangent = layout.platform_tangents[number]
-    np.testing.assert_allclose((tangent * drawn).sum(axis=1), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        (tangent * drawn).sum(axis=1),
+        0.0,
+        atol=1e-12,
+    )
     torque = np.cross(drawn, tangent).sum(axis=0)
-    np.testing.assert_allclose(torque, 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        torque,
+        0.0,
+        atol=1e-12,
+    )
     # The frame of the platform follows its axes: their angles are those of the deviation.
     moved = drawn + step * tangent
     expected = (moved @ moved.T)[[0, 1, 2], [1, 2, 0]]
-    np.testing.assert_allclose((found @ found.T)[[0, 1, 2], [1, 2, 0]], expected, atol=1e-11)
+    np.testing.assert_allclose(
+        (found @ found.T)[[0, 1, 2], [1, 2, 0]],
+        expected,
+        atol=1e-11,
+    )
 
 
 @pytest.mark.parametrize('sensors', (4, 6))
@@ -345,7 +378,11 @@ def test_a_step_of_an_orientation_is_that_of_least_squares(sensors):
     vector = random_vector(model, 6)
     true = poses(20)
     turned = model.readings(true, vector)
-    found = model.linearised(turned, turned_a_little(true, 3, 0.01), vector)
+    found = model.linearised(
+        turned,
+        turned_a_little(true, 3, 0.01),
+        vector,
+    )
     assert found.usable.all()
     left = rotation_vectors(found.rotation @ true.swapaxes(1, 2))
     assert np.abs(left).max() < 1e-3
@@ -358,12 +395,26 @@ def test_an_orientation_that_is_farther_off_than_a_step_of_0_3_is_none(far, usab
     true = poses(6)
     rates = np.array([[0.0, 0.0, far], [0.0, -far, 0.0]] * 3)
     # The step about an axis: readings that are off by the Jacobian's share of it.
-    *_, jacobian = reached(true, model.layout.nominal, (1, 1, 1), 4)
+    *_, jacobian = reached(
+        true,
+        model.layout.nominal,
+        (1, 1, 1),
+        4,
+    )
     turned = model.readings(true, vector) + np.einsum('nij,nj->ni', jacobian, rates)
-    found = model.linearised(turned, true, vector, (0,))
+    found = model.linearised(
+        turned,
+        true,
+        vector,
+        (0,),
+    )
     assert (found.usable == usable).all()
     expected = matrix_from_vector(rates) @ true if usable else true
-    np.testing.assert_allclose(found.rotation, expected, atol=1e-6)
+    np.testing.assert_allclose(
+        found.rotation,
+        expected,
+        atol=1e-6,
+    )
     assert found.derivative.any() == usable
 
 
@@ -377,13 +428,23 @@ def test_derivatives_of_the_readings_are_those_of_differences(sensors):
     angles = model.joint_angles(rotation, model.layout.geometry(vector))
     slope = model.layout.harmonic_deviation(angles, vector)[1]
     columns = tuple(range(model.layout.count))
-    found = model._derivative(rotation, angles, slope, vector, columns)
+    found = model._derivative(
+        rotation,
+        angles,
+        slope,
+        vector,
+        columns,
+    )
     for column in columns:
         step = 1e-5 * np.eye(len(columns))[column]
         above = model.readings(rotation, vector + step)
         below = model.readings(rotation, vector - step)
         expected = np.angle(np.exp(1j * (below - above))) / 2e-5
-        np.testing.assert_allclose(found[:, :, column], expected, atol=1e-4)
+        np.testing.assert_allclose(
+            found[:, :, column],
+            expected,
+            atol=1e-4,
+        )
 
 
 @pytest.mark.parametrize('sensors', (4, 5, 6))
@@ -399,14 +460,29 @@ def test_orientation_changes_are_weighted_least_squares(sensors):
     angles = model.joint_angles(rotation, geometry)
     slope = model.layout.harmonic_deviation(angles, vector)[1]
     every = tuple(range(model.layout.count))
-    by = model._derivative(rotation, angles, slope, vector, every)
-    *_, rates = reached(rotation, geometry, (1, 1, 1), sensors)
+    by = model._derivative(
+        rotation,
+        angles,
+        slope,
+        vector,
+        every,
+    )
+    *_, rates = reached(
+        rotation,
+        geometry,
+        (1, 1, 1),
+        sensors,
+    )
     for sample in range(3):
         of_readings = rates[sample] * (1.0 + slope[sample])[:, None]
         weights = np.diag(model.sigma**-2.0)
         normal = of_readings.T @ weights @ of_readings
         expected = np.linalg.solve(normal, of_readings.T @ weights @ by[sample])
-        np.testing.assert_allclose(found[sample], expected, atol=1e-9)
+        np.testing.assert_allclose(
+            found[sample],
+            expected,
+            atol=1e-9,
+        )
 
 
 def test_a_drawing_may_be_off_its_usual_frames_by_rounding():
@@ -414,7 +490,12 @@ def test_a_drawing_may_be_off_its_usual_frames_by_rounding():
     for off, refused in ((0.5e-9, False), (1e-7, True), (radians(0.1), True)):
         turn = matrix_from_vector(np.array([[0.0, 0.0, off]]))[0]
         drawn = Geometry()
-        turned = Geometry.from_axes(base @ turn.T, drawn.platform_axes, drawn.alphas, drawn.betas)
+        turned = Geometry.from_axes(
+            base @ turn.T,
+            drawn.platform_axes,
+            drawn.alphas,
+            drawn.betas,
+        )
         if refused:
             with pytest.raises(
                 InputError, match='in the usual frames, Z1A = z and Z1B in the half'
@@ -435,7 +516,9 @@ def test_the_parity_has_a_basis_by_the_minors_of_the_jacobian(sensors):
     gain = mixed @ across
     found = _continuous(gain, rates)
     np.testing.assert_allclose(
-        found.swapaxes(1, 2) @ found, gain.swapaxes(1, 2) @ gain, atol=1e-12
+        found.swapaxes(1, 2) @ found,
+        gain.swapaxes(1, 2) @ gain,
+        atol=1e-12,
     )
     # Of the first four rows, each without one of them.
     rows = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]
@@ -443,8 +526,16 @@ def test_the_parity_has_a_basis_by_the_minors_of_the_jacobian(sensors):
     first = found[:, 0, :4]
     expected = minors / np.linalg.norm(minors, axis=1, keepdims=True)
     lengths = np.linalg.norm(first, axis=1, keepdims=True)
-    np.testing.assert_allclose(first, lengths * expected, atol=1e-9)
+    np.testing.assert_allclose(
+        first,
+        lengths * expected,
+        atol=1e-9,
+    )
     # A further sensor has a vector of its own, in which it is positive and those after it 0.
     for place in range(4, sensors):
         assert (found[:, place - 3, place] > 0.0).all()
-        np.testing.assert_allclose(found[:, : place - 3, place], 0.0, atol=1e-12)
+        np.testing.assert_allclose(
+            found[:, : place - 3, place],
+            0.0,
+            atol=1e-12,
+        )

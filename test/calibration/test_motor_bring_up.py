@@ -167,7 +167,11 @@ def test_a_handle_that_turns_against_its_torque_is_said_in_words():
 
 def test_five_samples_before_a_step_and_five_after_it_are_enough():
     step = np.arange(10) >= 5
-    found = step_response(2, 0.3 - 0.1 * step, np.outer(step, [0.01, 0.0, -0.02, 0.03]))
+    found = step_response(
+        2,
+        0.3 - 0.1 * step,
+        np.outer(step, [0.01, 0.0, -0.02, 0.03]),
+    )
     assert found.turns == pytest.approx((-0.01, 0.0, 0.02, -0.03))
 
 

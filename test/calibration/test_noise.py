@@ -66,7 +66,11 @@ def test_sets_at_irregular_times_are_reported_and_are_no_noise():
     assert 'the sets come at irregular times: differences of the readings of joint_' in caution
 
 
-def allowed_by(measured_over_predicted, count=500, kept=None):
+def allowed_by(
+    measured_over_predicted,
+    count=500,
+    kept=None,
+):
     """Return noise by differences, and what a parity allows of it that is so large, squared."""
     random = np.random.default_rng(2)
     gains = random.normal(size=(count, 2, 4)) / UNEQUAL
@@ -91,7 +95,16 @@ def allowed_by(measured_over_predicted, count=500, kept=None):
         rotation=no_rotation(samples),
         limit=6.0,
     )
-    return allowed_noise(model, samples, np.zeros(4), normal), squares, measured
+    return (
+        allowed_noise(
+            model,
+            samples,
+            np.zeros(4),
+            normal,
+        ),
+        squares,
+        measured,
+    )
 
 
 @pytest.mark.parametrize('count', [500, 6000])

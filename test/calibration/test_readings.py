@@ -187,7 +187,11 @@ def test_a_mean_is_of_the_sets_whose_readings_are_all_within_the_limit_of_the_me
     means, good = motion_of._means_without_spikes(pieces % tau, LIMIT)
     assert good.tolist() == [[True, True, False, True, False]]
     errors = wrapped(means[0] - begin - offsets[[0, 1, 3]].mean(axis=0))
-    np.testing.assert_allclose(errors, 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        errors,
+        0.0,
+        atol=1e-12,
+    )
 
 
 def test_a_piece_without_a_good_set_has_no_mean():
@@ -218,7 +222,12 @@ def test_more_than_half_of_the_sets_of_a_piece_are_enough():
     ],
 )
 @pytest.mark.parametrize('sign', [1.0, -1.0])
-def test_a_reading_far_from_both_neighbours_is_alone(across, spike, alone, sign):
+def test_a_reading_far_from_both_neighbours_is_alone(
+    across,
+    spike,
+    alone,
+    sign,
+):
     """By three times the limit, and twice what these are apart; from the nearer one."""
     second = 0.1 + sign * np.array([0.0, spike, across, across])
     readings = np.column_stack([second, np.zeros(4)]) % tau
@@ -247,7 +256,11 @@ def test_pieces_follow_each_other_and_bridge_no_gap():
         (30_000, 1, 3),
     ],
 )
-def test_twelve_thousand_means_of_a_hundredth_of_a_second_are_enough(sets, period_ms, together):
+def test_twelve_thousand_means_of_a_hundredth_of_a_second_are_enough(
+    sets,
+    period_ms,
+    together,
+):
     stamps = np.arange(sets) * 1_000_000 * period_ms
     turned = np.column_stack([np.sin(stamps * 1e-9 / period) for period in (0.9, 1.1, 1.3, 1.5)])
     noise = 1e-3 * np.random.default_rng(1).normal(size=turned.shape)
@@ -279,7 +292,11 @@ def test_a_spike_is_beyond_what_noise_and_the_fastest_hand_allow():
         (0, False, '0 % of the sets have a spike; expected at most 30 %'),
     ],
 )
-def test_more_than_three_of_ten_sets_with_a_spike_are_refused(spikes, any_mean, words):
+def test_more_than_three_of_ten_sets_with_a_spike_are_refused(
+    spikes,
+    any_mean,
+    words,
+):
     try:
         motion_of._check_spikes(spikes, 1000, any_mean)
     except CalibrationError as error:
@@ -311,7 +328,11 @@ def test_a_joint_moves_by_two_degrees_but_for_the_outermost_tenths(moved_deg, se
         (0, 0.0, '0 sets of five encoders in 0.0 s; a motion needs at least 200 sets and 2 s'),
     ],
 )
-def test_a_motion_needs_two_hundred_sets_and_two_seconds(sets, last, words):
+def test_a_motion_needs_two_hundred_sets_and_two_seconds(
+    sets,
+    last,
+    words,
+):
     stamps = 5 + np.rint(1e9 * np.linspace(0.0, last, sets)).astype(np.int64)
     if words is None:
         motion_of._check_stamps(stamps, 5)

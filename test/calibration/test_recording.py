@@ -202,7 +202,11 @@ def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsy
 class Log:
     """A log of sets each 10 ms, in which the third joint lacks some readings."""
 
-    def __init__(self, sets, lacking=()):
+    def __init__(
+        self,
+        sets,
+        lacking=(),
+    ):
         self._sets = sets
         self._lacking = lacking
 

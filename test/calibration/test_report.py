@@ -269,7 +269,11 @@ def test_cells_are_whole_steps_around_the_values():
 def test_a_cell_with_fewer_samples_than_it_needs_is_not_drawn():
     across = np.array([0.5, 1.0, 0.2, 2.5, 3.9])
     along = np.array([0.5, 1.9, 1.0, 2.1, 3.9])
-    on = report_picture._Map(across, along, np.array([0.0, 2.0, 4.0]))
+    on = report_picture._Map(
+        across,
+        along,
+        np.array([0.0, 2.0, 4.0]),
+    )
     values = np.array([1.0, 2.0, 6.0, -4.0, 8.0])
     np.testing.assert_array_equal(on.means(values, 2), [[3.0, np.nan], [np.nan, 2.0]])
     np.testing.assert_array_equal(on.means(values, 3), [[3.0, np.nan], [np.nan, np.nan]])
@@ -284,19 +288,31 @@ def test_the_colour_scale_covers_all_but_a_fiftieth_of_the_cells():
 
 
 @pytest.mark.parametrize(('rate', 'least'), [(100.0, 5), (60.0, 3), (10.0, 1), (250.0, 12)])
-def test_a_cell_needs_a_twentieth_of_a_second(calibration, rate, least):
+def test_a_cell_needs_a_twentieth_of_a_second(
+    calibration,
+    rate,
+    least,
+):
     readings = replace(calibration.readings, seconds=np.arange(2400) / rate)
     asked = []
 
     class Map:
-        def means(self, values, least):
+        def means(
+            self,
+            values,
+            least,
+        ):
             asked.append(least)
             return values
 
     known = np.arange(2400) < 100
     part = replace(calibration, readings=readings)
     part.__dict__.update(parity=calibration.parity, parity_before=calibration.parity_before)
-    report_picture._columns(part, (Map(), Map()), known)
+    report_picture._columns(
+        part,
+        (Map(), Map()),
+        known,
+    )
     assert asked == [least] * 4
 
 
@@ -305,7 +321,11 @@ def test_a_map_of_the_turn_shows_the_tilt_of_the_region(region, highest):
     axes = plot_style.new_figure(width=3.0, height=3.0).subplots()
     axes.plot([0.0, 10.0], [3.0, 16.0])
     axes.set_ylim(3.0, 17.0)
-    report_picture._label_turns(axes, Region(region, 0.0, 10.0), True)
+    report_picture._label_turns(
+        axes,
+        Region(region, 0.0, 10.0),
+        True,
+    )
     assert axes.get_ylim() == (0.0, highest)
 
 

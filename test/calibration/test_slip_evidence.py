@@ -28,7 +28,12 @@ def test_residuals_are_split_into_a_rotation_and_what_none_explains(sensors):
     residual = 1e-3 * random.normal(size=(7, sensors))
     sigma = random.uniform(0.5e-3, 2e-3, sensors)
     usable = np.arange(7) != 3
-    found = projected(usable, residual, rates, sigma)
+    found = projected(
+        usable,
+        residual,
+        rates,
+        sigma,
+    )
     assert found.parity.shape == (7, sensors - 3)
     for sample in np.flatnonzero(usable):
         white = rates[sample] / sigma[:, None]
@@ -40,19 +45,36 @@ def test_residuals_are_split_into_a_rotation_and_what_none_explains(sensors):
         # The parity is the gain times the residual, and no rotation changes it.
         gain = found.gain[sample]
         np.testing.assert_allclose(gain @ residual[sample], found.parity[sample])
-        np.testing.assert_allclose(gain @ rates[sample], 0.0, atol=1e-9)
+        np.testing.assert_allclose(
+            gain @ rates[sample],
+            0.0,
+            atol=1e-9,
+        )
         squares = (gain * sigma) @ (gain * sigma).T
-        np.testing.assert_allclose(squares, np.eye(sensors - 3), atol=1e-12)
+        np.testing.assert_allclose(
+            squares,
+            np.eye(sensors - 3),
+            atol=1e-12,
+        )
     assert not found.parity[3].any()
     assert not found.gain[3].any()
     assert not found.step[3].any()
 
 
 def test_orientations_out_of_reach_or_without_a_number_have_no_angles():
-    rotation = workspace_pose(np.array([0.1, 0.1, 0.1, 0.2]), 0.3, 0.8)
+    rotation = workspace_pose(
+        np.array([0.1, 0.1, 0.1, 0.2]),
+        0.3,
+        0.8,
+    )
     rotation[1, 2, 0] = np.nan
     rotation[2] = np.diag([1.0, -1.0, -1.0])
-    usable, matrices, angles, rates = slip_evidence.reached(rotation, Geometry(), MODE, 5)
+    usable, matrices, angles, rates = slip_evidence.reached(
+        rotation,
+        Geometry(),
+        MODE,
+        5,
+    )
     assert usable.tolist() == [True, False, False, True]
     assert not angles[[1, 2]].any()
     np.testing.assert_array_equal(rates[1], np.eye(5, 3))
@@ -61,8 +83,17 @@ def test_orientations_out_of_reach_or_without_a_number_have_no_angles():
     np.testing.assert_array_equal(matrices[[0, 2, 3]], rotation[[0, 2, 3]])
     # The Jacobian is that of differences.
     turn = np.array([[1.0, -1e-6, 0.0], [1e-6, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    moved = slip_evidence.sensor_angles(turn @ rotation[[0, 3]], Geometry(), MODE, 5)
-    np.testing.assert_allclose((moved - angles[[0, 3]]) / 1e-6, rates[[0, 3], :, 2], atol=1e-4)
+    moved = slip_evidence.sensor_angles(
+        turn @ rotation[[0, 3]],
+        Geometry(),
+        MODE,
+        5,
+    )
+    np.testing.assert_allclose(
+        (moved - angles[[0, 3]]) / 1e-6,
+        rates[[0, 3], :, 2],
+        atol=1e-4,
+    )
 
 
 def test_poses_are_steps_of_fifteen_degrees_of_the_motors():
@@ -85,7 +116,12 @@ def test_samples_are_summed_by_pose():
     gain = random.normal(size=(5, 2, 5))
     parity = random.normal(size=(5, 2))
     usable = np.array([True, True, True, True, False])
-    found = slip_evidence.Parities(usable, parity, gain, np.zeros((5, 3)))
+    found = slip_evidence.Parities(
+        usable,
+        parity,
+        gain,
+        np.zeros((5, 3)),
+    )
     sums = slip_evidence.summed(angles, found)
     assert sums.samples.tolist() == [2.0, 2.0]
     for pose, rows in enumerate(([0, 2], [1, 3])):
@@ -122,7 +158,12 @@ def test_slips_are_those_of_weighted_least_squares_over_the_poses(sensors):
     normal = np.zeros((sensors, sensors))
     right = np.zeros(sensors)
     misfit = 0.0
-    for of_pose, mean, number in zip(gain, parity, samples, strict=True):
+    for of_pose, mean, number in zip(
+        gain,
+        parity,
+        samples,
+        strict=True,
+    ):
         covariance = np.eye(sensors - 3) / number
         covariance += of_pose @ np.diag((0.5 * bias) ** 2) @ of_pose.T
         weight = np.linalg.inv(covariance)
@@ -133,7 +174,11 @@ def test_slips_are_those_of_weighted_least_squares_over_the_poses(sensors):
     np.testing.assert_allclose(found.slip, right / information)
     np.testing.assert_allclose(found.deviation, 1.0 / np.sqrt(information))
     np.testing.assert_allclose(found.explained, right**2 / information)
-    np.testing.assert_allclose(found.together, np.linalg.solve(normal, right), rtol=1e-6)
+    np.testing.assert_allclose(
+        found.together,
+        np.linalg.solve(normal, right),
+        rtol=1e-6,
+    )
     assert found.misfit == pytest.approx(misfit)
     assert found.freedom == 9 * (sensors - 3)
     assert found.poses == 9
@@ -147,7 +192,12 @@ def test_the_slow_parity_and_what_is_allowed_of_it_are_in_rad(sensors):
     bias = np.linspace(0.4e-3, 1.2e-3, sensors)
     found = evaluate(sums, bias)
     squares = np.zeros(3)
-    for of_pose, mean, number in zip(gain, parity, samples, strict=True):
+    for of_pose, mean, number in zip(
+        gain,
+        parity,
+        samples,
+        strict=True,
+    ):
         left, size, right = np.linalg.svd(of_pose, full_matrices=False)
         slow = left.T @ mean / size
         white = 1.0 / (number * size**2)
@@ -209,7 +259,11 @@ def test_a_healthy_misfit_exceeds_its_limit_once_in_thirty_thousand(freedom):
         ([np.inf] * 4, 0, ()),
     ],
 )
-def test_a_sensor_is_isolated_from_those_that_leave_nine_more(left, freedom, found):
+def test_a_sensor_is_isolated_from_those_that_leave_nine_more(
+    left,
+    freedom,
+    found,
+):
     assert suspects(np.array(left), freedom, np.inf) == found
 
 

@@ -86,28 +86,61 @@ def test_a_tolerance_is_the_root_of_the_mean_square_with_that_given_as_one_more(
     )
     every = range(LAYOUT.count)
     mechanism = np.sqrt((1.0 + 6 * 0.01 + 3 * 0.04 + 3 * 0.09) / 13.0)
-    assert _tolerance(LAYOUT, MECHANISM, 1.0, squares, every) == pytest.approx(mechanism)
+    assert _tolerance(
+        LAYOUT,
+        MECHANISM,
+        1.0,
+        squares,
+        every,
+    ) == pytest.approx(mechanism)
     harmonic = np.sqrt((1.0 + 8 * 0.0025 + 8 * 0.09) / 17.0)
-    assert _tolerance(LAYOUT, HARMONICS, 1.0, squares, every) == pytest.approx(harmonic)
+    assert _tolerance(
+        LAYOUT,
+        HARMONICS,
+        1.0,
+        squares,
+        every,
+    ) == pytest.approx(harmonic)
     # A group of which a parameter was left as drawn does not count; one alone does.
     without = [column for column in every if column != LAYOUT.columns('base axes')[1]]
     mechanism = np.sqrt((1.0 + 6 * 0.01 + 3 * 0.09) / 10.0)
-    assert _tolerance(LAYOUT, MECHANISM, 1.0, squares, without) == pytest.approx(mechanism)
+    assert _tolerance(
+        LAYOUT,
+        MECHANISM,
+        1.0,
+        squares,
+        without,
+    ) == pytest.approx(mechanism)
     alone = list(LAYOUT.columns('links'))
     mechanism = np.sqrt((1.0 + 6 * 0.01) / 7.0)
-    assert _tolerance(LAYOUT, MECHANISM, 1.0, squares, alone) == pytest.approx(mechanism)
+    assert _tolerance(
+        LAYOUT,
+        MECHANISM,
+        1.0,
+        squares,
+        alone,
+    ) == pytest.approx(mechanism)
 
 
 @pytest.mark.parametrize('error_deg', [0.02, 0.1])
 def test_estimated_tolerances_are_those_of_the_parameters_fitted_with_them(error_deg):
     """Their squares, and the variances that the fit leaves, have the tolerance as their mean."""
-    true = replace(LAYOUT, mechanism_tolerance=radians(0.2), harmonic_tolerance=radians(0.1))
+    true = replace(
+        LAYOUT,
+        mechanism_tolerance=radians(0.2),
+        harmonic_tolerance=radians(0.1),
+    )
     random = np.random.default_rng(7)
     deviations = np.where(np.isinf(true.deviations), 1.0, true.deviations)
     read = deviations * random.normal(size=LAYOUT.count)
     information = np.eye(LAYOUT.count) * radians(error_deg) ** -2.0
     vector = np.linalg.solve(information + np.diag(LAYOUT.deviations**-2.0), information @ read)
-    found = estimated_tolerances(LAYOUT, vector, range(LAYOUT.count), information)
+    found = estimated_tolerances(
+        LAYOUT,
+        vector,
+        range(LAYOUT.count),
+        information,
+    )
     covariance = np.linalg.inv(information + np.diag(found.deviations**-2.0))
     squares = (covariance @ information @ read) ** 2 + np.diag(covariance)
     total = LAYOUT.mechanism_tolerance**2 + squares[4:16].sum()

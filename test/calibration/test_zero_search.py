@@ -149,7 +149,12 @@ ONWARDS = (1, 1, 1, 1)
 
 @pytest.mark.parametrize(('degrees', 'near', 'other'), [(0.9, 1, 0), (1.1, 0, 0), (2.1, 0, 1)])
 @pytest.mark.parametrize('turns', [0, 1, -2])
-def test_guesses_are_the_same_within_a_degree_and_others_beyond_two(degrees, near, other, turns):
+def test_guesses_are_the_same_within_a_degree_and_others_beyond_two(
+    degrees,
+    near,
+    other,
+    turns,
+):
     zeros = np.array([0.3, -2.0, 1.5, 3.0])
     moved = zeros + tau * turns
     moved[2] -= radians(degrees)
@@ -159,7 +164,13 @@ def test_guesses_are_the_same_within_a_degree_and_others_beyond_two(degrees, nea
     assert not guesses[0].is_near(reversed_guess)
     fits = [ComparedGuess(0.0, Start(ONWARDS, zeros), each) for each in (zeros, moved)]
     assert fits[0].is_other_than(fits[1]) is bool(other)
-    assert fits[0].is_other_than(ComparedGuess(0.0, Start((1, -1, 1, 1), zeros), zeros))
+    assert fits[0].is_other_than(
+        ComparedGuess(
+            0.0,
+            Start((1, -1, 1, 1), zeros),
+            zeros,
+        )
+    )
 
 
 def some_readings(count=30, seed=4):
@@ -180,9 +191,21 @@ def test_the_distance_of_angles_that_fit_together_is_their_parity():
     parity = model.linearised(exact + off, at, nothing).parity[:, 0]
     zeros = np.array([[0.0, 0.0, 0.0, 0.0], [0.4, -1.0, 2.0, 0.1]])
     for each in zeros:
-        distance, _ = zero_search._distance(exact + off + each, each[None], Geometry())
-        np.testing.assert_allclose(np.abs(distance[0]), np.abs(parity), atol=2e-7)
-    far, _ = zero_search._distance(exact, zeros[1:], Geometry())
+        distance, _ = zero_search._distance(
+            exact + off + each,
+            each[None],
+            Geometry(),
+        )
+        np.testing.assert_allclose(
+            np.abs(distance[0]),
+            np.abs(parity),
+            atol=2e-7,
+        )
+    far, _ = zero_search._distance(
+        exact,
+        zeros[1:],
+        Geometry(),
+    )
     assert np.median(np.abs(far)) > 0.1
 
 
@@ -193,11 +216,27 @@ def test_slopes_of_the_distance_are_those_of_differences():
     assert slopes.shape == (2, 30, 4)
     for sensor in range(4):
         step = 1e-5 * np.eye(4)[sensor]
-        above, _ = zero_search._distance(exact, zeros + step, Geometry())
-        below, _ = zero_search._distance(exact, zeros - step, Geometry())
-        np.testing.assert_allclose(slopes[:, :, sensor], (above - below) / 2e-5, atol=2e-3)
+        above, _ = zero_search._distance(
+            exact,
+            zeros + step,
+            Geometry(),
+        )
+        below, _ = zero_search._distance(
+            exact,
+            zeros - step,
+            Geometry(),
+        )
+        np.testing.assert_allclose(
+            slopes[:, :, sensor],
+            (above - below) / 2e-5,
+            atol=2e-3,
+        )
     # Each row is that of a distance: of unit length.
-    np.testing.assert_allclose(np.linalg.norm(slopes, axis=2), 1.0, atol=1e-6)
+    np.testing.assert_allclose(
+        np.linalg.norm(slopes, axis=2),
+        1.0,
+        atol=1e-6,
+    )
 
 
 def test_outliers_hardly_count_in_the_cost():
@@ -213,18 +252,33 @@ def test_a_step_of_the_search_is_levenberg_and_marquardts_with_the_robust_weight
     random = np.random.default_rng(6)
     zeros = random.normal(size=(5, 4)) * np.array([[0.01], [0.05], [0.3], [0.5], [2.0]])
     damping = np.array([0.01, 0.1, 0.01, 1.0, 1e-4])
-    moved, cost, further = zero_search._improve(exact, zeros, damping, Geometry(), 1)
+    moved, cost, further = zero_search._improve(
+        exact,
+        zeros,
+        damping,
+        Geometry(),
+        1,
+    )
     is_better = []
     for guess, start in enumerate(zeros):
         distance, slopes = (
-            part[0] for part in zero_search._distance(exact, start[None], Geometry())
+            part[0]
+            for part in zero_search._distance(
+                exact,
+                start[None],
+                Geometry(),
+            )
         )
         weights = 1.0 / (1.0 + (distance / 0.05) ** 2)
         matrix = slopes.T @ np.diag(weights) @ slopes
         matrix += damping[guess] * np.mean(np.diag(matrix)) * np.eye(4)
         step = -np.linalg.solve(matrix, slopes.T @ (weights * distance))
         before = zero_search._cost(distance[None])[0]
-        there, _ = zero_search._distance(exact, (start + step)[None], Geometry())
+        there, _ = zero_search._distance(
+            exact,
+            (start + step)[None],
+            Geometry(),
+        )
         after = zero_search._cost(there)[0]
         is_better.append(bool(after < before))
         np.testing.assert_allclose(moved[guess], start + step if is_better[-1] else start)
@@ -238,7 +292,13 @@ def test_further_steps_of_the_search_never_raise_the_cost():
     exact, _ = some_readings()
     zeros = 0.1 * np.random.default_rng(7).normal(size=(6, 4))
     costs = [
-        zero_search._improve(exact, zeros, np.full(6, 0.01), Geometry(), steps)[1]
+        zero_search._improve(
+            exact,
+            zeros,
+            np.full(6, 0.01),
+            Geometry(),
+            steps,
+        )[1]
         for steps in (0, 1, 3, 10, 30)
     ]
     for before, after in zip(costs, costs[1:], strict=False):
@@ -259,8 +319,16 @@ def test_the_search_tells_the_directions_from_orientations_near_the_first(monkey
         others = np.full((len(rotation) - 3, 4), np.nan)
         return np.concatenate([exact[0] + off, others])
 
-    monkeypatch.setattr(zero_search, 'sensor_angles', near)
-    found = search_zeros((exact + zeros) * direction, model.layout, 2)
+    monkeypatch.setattr(
+        zero_search,
+        'sensor_angles',
+        near,
+    )
+    found = search_zeros(
+        (exact + zeros) * direction,
+        model.layout,
+        2,
+    )
     best = found[0]
     assert best.direction == tuple(direction)
     assert np.abs(wrapped(best.zeros - zeros)).max() < 1e-4
@@ -278,17 +346,39 @@ def test_the_search_tells_the_directions_from_orientations_near_the_first(monkey
 def guesses_of(monkeypatch, *misfits_deg):
     """Return the guesses that are worth a fit, of a search with these misfits."""
     guesses = [
-        ZeroGuess(ONWARDS, np.full(4, number), radians(misfit))
+        ZeroGuess(
+            ONWARDS,
+            np.full(4, number),
+            radians(misfit),
+        )
         for number, misfit in enumerate(misfits_deg)
     ]
-    monkeypatch.setattr(zero_search, 'search_zeros', lambda *_: guesses)
+    monkeypatch.setattr(
+        zero_search,
+        'search_zeros',
+        lambda *_: guesses,
+    )
     exact, model = some_readings()
     return [int(guess.zeros[0]) for guess in zero_search._guesses(exact, model.layout, 1)]
 
 
 def test_at_most_four_guesses_within_a_degree_and_a_half_are_compared(monkeypatch):
-    assert guesses_of(monkeypatch, 0.1, 0.2, 0.29, 0.29, 0.31, 0.31) == [0, 1, 2, 3]
-    assert guesses_of(monkeypatch, 0.1, 1.4, 1.6, 1.7) == [0, 1]
+    assert guesses_of(
+        monkeypatch,
+        0.1,
+        0.2,
+        0.29,
+        0.29,
+        0.31,
+        0.31,
+    ) == [0, 1, 2, 3]
+    assert guesses_of(
+        monkeypatch,
+        0.1,
+        1.4,
+        1.6,
+        1.7,
+    ) == [0, 1]
     assert guesses_of(monkeypatch, 1.6) == []
 
 
@@ -301,15 +391,27 @@ def test_more_guesses_that_are_nearly_as_good_leave_the_zeros_open(monkeypatch, 
 def explained(monkeypatch, *fits, samples=30):
     """Return what explains a motion whose guesses have these fits; None is one that fits not."""
     exact, model = some_readings(samples)
-    monkeypatch.setattr(zero_search, '_guesses', lambda *_: range(len(fits)))
-    monkeypatch.setattr(zero_search, '_compared', lambda readings, model, guess: fits[guess])
+    monkeypatch.setattr(
+        zero_search,
+        '_guesses',
+        lambda *_: range(len(fits)),
+    )
+    monkeypatch.setattr(
+        zero_search,
+        '_compared',
+        lambda readings, model, guess: fits[guess],
+    )
     return zero_search._explaining(exact, model, 1)
 
 
 def fit_with(misfit, first_zero):
     """Return a guess after its fit."""
     zeros = np.array([first_zero, 0.0, 0.0, 0.0])
-    return ComparedGuess(misfit, Start(ONWARDS, zeros + 0.01), zeros)
+    return ComparedGuess(
+        misfit,
+        Start(ONWARDS, zeros + 0.01),
+        zeros,
+    )
 
 
 def test_the_best_fit_explains_a_motion_if_others_are_worse_or_the_same(monkeypatch):
@@ -318,14 +420,32 @@ def test_the_best_fit_explains_a_motion_if_others_are_worse_or_the_same(monkeypa
     assert explained(monkeypatch, None, None) is None
     assert explained(monkeypatch, None, best) is best.start
     assert explained(monkeypatch, fit_with(121.0, 1.0), best) is best.start
-    assert explained(monkeypatch, best, fit_with(30.0, 0.5 + radians(1.9))) is best.start
+    assert (
+        explained(
+            monkeypatch,
+            best,
+            fit_with(30.0, 0.5 + radians(1.9)),
+        )
+        is best.start
+    )
     # Where the best misfit is ten times that of noise, so is the margin.
     poor = fit_with(300.0, 0.5)
-    assert explained(monkeypatch, poor, fit_with(1301.0, 1.0)) is poor.start
+    assert (
+        explained(
+            monkeypatch,
+            poor,
+            fit_with(1301.0, 1.0),
+        )
+        is poor.start
+    )
 
 
 @pytest.mark.parametrize(('best', 'other'), [(20.0, 119.0), (300.0, 1299.0)])
-def test_other_zeros_that_explain_a_motion_nearly_as_well_are_an_error(monkeypatch, best, other):
+def test_other_zeros_that_explain_a_motion_nearly_as_well_are_an_error(
+    monkeypatch,
+    best,
+    other,
+):
     fits = [fit_with(other, 1.0), None, fit_with(other + 1e4, -1.0), fit_with(best, 0.5)]
     with pytest.raises(CalibrationError, match=r'28\.6 and 57\.3 deg of joint_1a explain it'):
         explained(monkeypatch, *fits)
@@ -336,7 +456,10 @@ def test_other_zeros_that_explain_a_motion_nearly_as_well_are_an_error(monkeypat
     [(0.24, 1.0, True), (0.26, 1.0, False), (0.1, 0.5, True), (0.1, 0.49, False)],
 )
 def test_a_guess_with_more_parity_or_outliers_than_a_mechanism_leaves_is_none(
-    monkeypatch, parity_deg, kept, fits
+    monkeypatch,
+    parity_deg,
+    kept,
+    fits,
 ):
     """A quarter of a degree, and half of the samples."""
     exact, _ = some_readings()
@@ -349,14 +472,27 @@ def test_a_guess_with_more_parity_or_outliers_than_a_mechanism_leaves_is_none(
     )
     given = []
 
-    def fit(model, turned, vector, columns):
+    def fit(
+        model,
+        turned,
+        vector,
+        columns,
+    ):
         given.append((turned, vector, columns))
         return result
 
     monkeypatch.setattr(zero_search, 'fit', fit)
     direction = (1, -1, 1, -1)
-    guess = ZeroGuess(direction, np.array([0.1, 0.2, 0.3, 0.4]), 0.01)
-    found = zero_search._compared(exact * direction, model, guess)
+    guess = ZeroGuess(
+        direction,
+        np.array([0.1, 0.2, 0.3, 0.4]),
+        0.01,
+    )
+    found = zero_search._compared(
+        exact * direction,
+        model,
+        guess,
+    )
     assert (found is not None) is fits
     ((turned, vector, columns),) = given
     np.testing.assert_array_equal(turned, exact)
@@ -373,22 +509,46 @@ def test_a_guess_that_no_fit_follows_is_none(monkeypatch):
 
     monkeypatch.setattr(zero_search, 'fit', fit)
     exact, model = some_readings()
-    assert zero_search._compared(exact, model, ZeroGuess(ONWARDS, np.zeros(4), 0.01)) is None
+    assert (
+        zero_search._compared(
+            exact,
+            model,
+            ZeroGuess(ONWARDS, np.zeros(4), 0.01),
+        )
+        is None
+    )
 
 
-def searches(monkeypatch, swaps, explains=lambda order, count: None):
+def searches(
+    monkeypatch,
+    swaps,
+    explains=lambda order, count: None,
+):
     """Return order of the sensors, number of guesses, and shares done of the searches."""
     seen = []
     shares = []
 
-    def explaining(readings, model, count):
+    def explaining(
+        readings,
+        model,
+        count,
+    ):
         seen.append((readings[0].astype(int).tolist(), count))
         return explains(*seen[-1])
 
-    monkeypatch.setattr(zero_search, '_explaining', explaining)
+    monkeypatch.setattr(
+        zero_search,
+        '_explaining',
+        explaining,
+    )
     means = SimpleNamespace(readings=np.tile(np.arange(4.0), (10, 1)))
     try:
-        find_start(means, model_of(), lambda text, share: shares.append(share), swaps)
+        find_start(
+            means,
+            model_of(),
+            lambda text, share: shares.append(share),
+            swaps,
+        )
     except CalibrationError as error:
         assert str(error).startswith('no zeros and directions of the encoders explain the motion')
         assert 'in the order joint_1a, joint_1b, joint_1c, joint_3a,' in str(error)
@@ -412,9 +572,17 @@ def test_swapped_encoders_are_looked_for_before_a_longer_search(monkeypatch):
 
 def test_a_search_ends_with_the_first_zeros_that_explain_the_motion(monkeypatch):
     start = Start(ONWARDS, np.zeros(32))
-    seen, _ = searches(monkeypatch, True, lambda order, count: start)
+    seen, _ = searches(
+        monkeypatch,
+        True,
+        lambda order, count: start,
+    )
     assert len(seen) == 1
-    seen, _ = searches(monkeypatch, False, lambda order, count: start if count > 100 else None)
+    seen, _ = searches(
+        monkeypatch,
+        False,
+        lambda order, count: start if count > 100 else None,
+    )
     assert len(seen) == 2
 
 
@@ -422,7 +590,11 @@ def test_that_several_zeros_explain_a_motion_ends_its_search(monkeypatch):
     def several(*_):
         raise CalibrationError('the motion does not determine the zeros: many explain it')
 
-    monkeypatch.setattr(zero_search, '_explaining', several)
+    monkeypatch.setattr(
+        zero_search,
+        '_explaining',
+        several,
+    )
     means = SimpleNamespace(readings=np.tile(np.arange(4.0), (10, 1)))
     with pytest.raises(CalibrationError, match='many explain it'):
         find_start(means, model_of())
