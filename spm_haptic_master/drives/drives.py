@@ -102,6 +102,10 @@ class Drives:
             for drive in self._drives
             for identifier, handler in drive.handlers.items()
         }
+        self._handlers[canopen.HEARTBEAT_BASE + plan.master_id] = (
+            canopen.HEARTBEAT_LENGTH,
+            self._on_master,
+        )
         self.motors = len(self._drives)
         self._bus: can.BusABC | None = None
         self._now = 0.0
@@ -290,6 +294,11 @@ class Drives:
             self._fail(f'{self._name}: {can_bus.first_line(error)}')
             self._retry_at = self._now + REOPEN
             self._close_bus(bus)
+
+    def _on_master(self, _: bytearray) -> None:
+        """Pass a heartbeat of this master to the start-up, which has not sent any yet."""
+        if self._start_up is not None:
+            self._start_up.note_master()
 
     def _send_zero(self, operate: bool, resets: bool = False) -> None:
         """Send zero torque to all drives, as `_send_torques`."""

@@ -28,6 +28,8 @@ FALL_OUT_FACTOR = 2.0
 WATCHED = 0.3
 # Number of proofs of which one has to be in time: this machine may be late itself.
 PROOFS = 3
+# Time after which a heartbeat of this master is no echo of one that was sent before (s).
+ECHO = 0.05
 # States without torque, which a drive has to fall into.
 WITHOUT_TORQUE = (State.DISABLED, State.READY, State.SWITCHED_ON, State.FAULT)
 
@@ -67,6 +69,8 @@ class StartUp:
         self._drives = drives
         self._check = check
         self._send = send
+        self._began = inf
+        self._has_other_master = False
         self._steps = self._run()
 
     def step(self) -> bool:
@@ -90,6 +94,10 @@ class StartUp:
             return False
         return True
 
+    def note_master(self) -> None:
+        """Note a heartbeat of this master: before it sends any, another program does."""
+        self._has_other_master |= self._now - self._began > ECHO
+
     @property
     def _now(self) -> float:
         """Time of the present sample, s, which all drives have."""
@@ -97,8 +105,14 @@ class StartUp:
 
     def _run(self) -> Steps:
         """Read the drives back, set their modes, and prove that they fall out."""
+        self._began = self._now
         for drive in self._drives:
             yield from drive.read_back()
+        if self._has_other_master:
+            raise SetupError(
+                f'another program sends the heartbeat of node {self._plan.master_id} '
+                '(drives.master_id): end it, it commands the drives'
+            )
         self._compare_identities()
         for drive in self._drives:
             yield from drive.set_mode()

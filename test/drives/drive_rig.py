@@ -41,10 +41,10 @@ class Rig:
     """
 
     def __init__(self, faults=(), plan=None, factory=False, check=None):
-        channel = uuid.uuid4().hex
+        self.channel = uuid.uuid4().hex
         self.plan = plan or make_test_plan()
-        self.bus = can.Bus(interface='virtual', channel=channel)
-        self.other = can.Bus(interface='virtual', channel=channel)
+        self.bus = self.open_bus()
+        self.other = self.open_bus()
         self.drives = Drives(self.plan, lambda: self.bus, 'virtual test', check)
         self.simulation = SimulatedDrives(self.plan, faults, factory)
         self.drive = self.simulation.drives
@@ -53,6 +53,10 @@ class Rig:
         self.report = None
         self.paused = False
         self._put(self.simulation.boot())
+
+    def open_bus(self):
+        """Return a further end of the bus."""
+        return can.Bus(interface='virtual', channel=self.channel)
 
     def __enter__(self):
         return self

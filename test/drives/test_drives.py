@@ -10,6 +10,7 @@ import can
 from drive_rig import make_test_plan, MS, Rig
 import pytest
 from spm_haptic_master.drives.cia402 import State
+from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.simulated_drive import SimulatedDrive
@@ -151,6 +152,26 @@ def test_two_drives_with_one_node_id_get_no_torque(starting, late, serial):
         'drive of joint_1b (node 12): two devices have node id 12: give each its own'
     )
     assert starting.commands() == []
+
+
+def test_drives_that_another_program_commands_are_left_to_it(rig):
+    """As with a force_check beside a running master: it must not end the torque of that."""
+    second = Drives(rig.plan, rig.open_bus, 'virtual second', None)
+    for _ in range(round(1.0 / MS)):
+        report = second.step(TORQUES, rig.now)
+        rig.step(TORQUES)
+        assert rig.report.ready
+        assert not report.ready
+    assert report.fault == (
+        'another program sends the heartbeat of node 126 (drives.master_id): '
+        'end it, it commands the drives'
+    )
+    second.close()
+    # Once the other one has ended, it can be acknowledged.
+    rig.drives.close()
+    second = Drives(rig.plan, rig.open_bus, 'virtual second', None)
+    rig.drives = second
+    rig.ready()
 
 
 def test_a_drive_in_another_mode_is_not_enabled_for_the_proof(starting):
