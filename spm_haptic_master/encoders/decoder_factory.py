@@ -23,6 +23,8 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.parameters import encoders
 from spm_haptic_master.parameters.setting import Values
 
+# Largest identifier of 11 bits.
+STANDARD_MAXIMUM = 0x7FF
 # Longest window of an answer (periods): after a lost frame, sets wait for as long for the end of
 # their cycle.
 WINDOW_PERIODS = 3
@@ -136,12 +138,20 @@ def _check_axes(
     for axis in axes:
         _check_layout(axis, values)
         _take(taken, axis.layout.can_id, f'{axis.name}.id', 'an identifier')
+        if is_canopen:
+            _check_unreserved(axis.layout, f'{axis.name}.id', axis.layout.can_id)
         if axis.node is not None:
             _take(nodes, axis.node.node_id, f'{axis.name}.node_id', 'a node id')
 
 
 def _check_layout(axis: SingleAxis, values: Values) -> None:
     """Raise SettingError where the layout of an axis contradicts itself."""
+    if not axis.layout.extended and axis.layout.can_id > STANDARD_MAXIMUM:
+        raise SettingError(
+            name=f'{axis.name}.id',
+            value=axis.layout.can_id,
+            expected=f'an 11-bit identifier (0x001 to 0x7FF), or {axis.name}.extended true',
+        )
     for name, fits, expected in _requirements(axis.layout):
         setting = name.replace('encoders.', f'{axis.name}.')
         if not fits and setting in values:
@@ -202,31 +212,37 @@ def _check_identifiers(
             expected=f'an identifier that no encoder has ({taken[sync_id]} has it)',
         )
     if canopen_nodes:
-        _check_reserved(layouts, taken, sync_id)
+        _check_reserved(layouts, sync_id)
 
 
-def _check_reserved(
-    layouts: tuple[EncoderLayout, ...],
-    taken: dict[int, str],
-    sync_id: int | None,
-) -> None:
-    """Raise SettingError if an identifier that is taken has another use in CANopen."""
-    for can_id, joint in taken.items():
-        if use := canopen.reserved_for(can_id):
-            raise SettingError(
-                name='encoders.id',
-                value=[each.can_id for each in layouts],
-                expected=(
-                    f'for {joint} an identifier that CANopen has no other use for '
-                    f'(0x{can_id:X}: {use}), or can.protocol raw'
-                ),
-            )
+def _check_reserved(layouts: tuple[EncoderLayout, ...], sync_id: int | None) -> None:
+    """Raise SettingError if an identifier of an encoder, or SYNC, has another use in CANopen."""
+    for layout in layouts:
+        _check_unreserved(layout, 'encoders.id', [each.can_id for each in layouts])
     if sync_id not in (None, canopen.SYNC_ID) and (use := canopen.reserved_for(sync_id or 0)):
         raise SettingError(
             name='encoders.sync_id',
             value=sync_id,
             expected=f'an identifier that CANopen has no other use for (0x{sync_id:X}: {use}), or '
             'can.protocol raw',
+        )
+
+
+def _check_unreserved(
+    layout: EncoderLayout,
+    setting: str,
+    given: object,
+) -> None:
+    """Raise SettingError for the setting of an identifier if it has another use in CANopen."""
+    use = None if layout.extended else canopen.reserved_for(layout.can_id)
+    if use:
+        raise SettingError(
+            name=setting,
+            value=given,
+            expected=(
+                f'for {layout.joint} an identifier that CANopen has no other use for '
+                f'(0x{layout.can_id:X}: {use}), or can.protocol raw'
+            ),
         )
 
 
@@ -264,7 +280,7 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     )
     seen: dict[int, str] = {}
     for layout in layouts:
-        if not layout.extended and layout.can_id > 0x7FF:
+        if not layout.extended and layout.can_id > STANDARD_MAXIMUM:
             raise SettingError(
                 name='encoders.id',
                 value=list(values['encoders.id']),
@@ -543,7 +559,7 @@ def check_bus_load(
     load = bits * rate / bitrate
     if load > MAXIMUM_LOAD:
         highest = MAXIMUM_LOAD * bitrate / bits
-        frames = f'{NUMBER_WORDS[len(layouts)]} answers'
+        frames = f'{NUMBER_WORDS.get(len(layouts), len(layouts))} answers'
         if sync:
             frames = f'SYNC and {frames}'
         raise SettingError(

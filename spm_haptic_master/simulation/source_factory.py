@@ -107,7 +107,12 @@ def _make_can(values: Values, drives: tuple[int, ...]) -> CanSource:
     decoder = make_decoder(values, drives)
     rate = values['rate']
     if values['can.bitrate']:
-        check_bus_load(decoder.layouts, decoder.sync_id is not None, rate, values['can.bitrate'])
+        check_bus_load(
+            layouts=(*decoder.layouts, *(axis.layout for axis in decoder.axes)),
+            sync=decoder.sync_id is not None,
+            rate=rate,
+            bitrate=values['can.bitrate'],
+        )
     if values['can.timeout'] * rate < 2.0:
         raise SettingError(
             name='can.timeout',

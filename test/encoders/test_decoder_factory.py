@@ -52,6 +52,12 @@ def test_settings_are_checked_against_each_other(case):
             'bit/s = 104 % bus load, beyond 95 %',
         ),
         (250_000, 1000.0, {'encoders__sync_id': 0}, 'a cycle of four answers has up to 380 bits'),
+        (
+            500_000,
+            1000.0,
+            {'insertion__id': 0x185},
+            'a cycle of SYNC and five answers has up to 530 bits',
+        ),
         (1_000_000, 1600.0, {'sensors': 6}, 'SYNC and six answers'),
         # Stuffed: 135 bits for a frame of eight bytes, 160 with 29 bits (CAN in Automation).
         (

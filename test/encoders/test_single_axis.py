@@ -121,6 +121,11 @@ def test_a_node_with_an_error_has_no_reading():
     [
         ({'insertion__id': 0x181}, "'insertion.id'.*an identifier that joint_1a does not have"),
         ({'insertion__node_id': 3}, "'insertion.node_id'.*a node id that joint_1c does not have"),
+        # Its frames would be taken for the heartbeats of a joint's node, or never come.
+        ({'insertion__id': 0x703}, "'insertion.id'.*no other use for .*heartbeat of node 3"),
+        ({'gripper__id': 0x80}, "'gripper.id'.*an identifier that SYNC does not have"),
+        ({'gripper__id': 0x60A}, "'gripper.id'.*no other use for .*SDO request to node 10"),
+        ({'insertion__id': 0x800}, "'insertion.id'.*an 11-bit identifier"),
         ({'insertion__range': (0.2, 0.0)}, 'the lesser value first'),
         ({'insertion__byte_offset': 2}, 'ends within the 4 bytes of encoders.data_length'),
         ({'insertion__bit_length': 8}, 'what 8 bits of counts can hold'),
