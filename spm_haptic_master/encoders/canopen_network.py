@@ -124,9 +124,9 @@ class RefusedError(SetupError):
     """A node answers a request with an SDO abort (CiA 301)."""
 
 
-class Node:
+class NodeClient:
     """
-    A node as the master sees it.
+    Access to one node, as the master sees it.
 
     Each request raises SetupError if the node does not answer, RefusedError if it aborts, and one
     of BUS_ERRORS if the bus has failed.

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.canopen_network import Node, RefusedError
+from spm_haptic_master.encoders.canopen_network import NodeClient, RefusedError
 from spm_haptic_master.exceptions import SetupError
 
 # Index and subindex of an object, and a function of them that returns its value, None without.
@@ -278,13 +278,13 @@ def other_tpdos_off(used: int) -> list[WantedObject]:
     ]
 
 
-def identity(node: Node, profile: int) -> str:
+def identity(node: NodeClient, profile: int) -> str:
     """
     Return device type and identity of a node in words.
 
     Parameters
     ----------
-    node : Node
+    node : NodeClient
         The node.
     profile : int
         Device profile that it has to have: 406 or 402.
@@ -387,13 +387,13 @@ class Comparison:
         return f'; {hint}' if hint else ''
 
 
-def compare(node: Node, wanted: WantedObjects) -> Comparison:
+def compare(node: NodeClient, wanted: WantedObjects) -> Comparison:
     """
     Return the wanted objects beside those that a node has.
 
     Parameters
     ----------
-    node : Node
+    node : NodeClient
         The node, which is only read.
     wanted : WantedObjects
         Required objects.
@@ -409,14 +409,14 @@ def compare(node: Node, wanted: WantedObjects) -> Comparison:
     return Comparison(wanted, values)
 
 
-def _read(node: Node, wanted: WantedObject) -> int | None:
+def _read(node: NodeClient, wanted: WantedObject) -> int | None:
     """Return the value of an object; for an optional one, None also where it is refused."""
     if wanted.optional:
         return _read_optional(node, wanted.key)
     return node.read(*wanted.key)[0]
 
 
-def _read_optional(node: Node, key: Key) -> int | None:
+def _read_optional(node: NodeClient, key: Key) -> int | None:
     """Return the value of an object, None where the node has none or refuses to show it."""
     try:
         return node.read(*key)[0]
@@ -424,7 +424,7 @@ def _read_optional(node: Node, key: Key) -> int | None:
         return None
 
 
-def write(node: Node, found: Comparison) -> None:
+def write(node: NodeClient, found: Comparison) -> None:
     """
     Write what differs, store everything, reset the node and read it back.
 
@@ -432,7 +432,7 @@ def write(node: Node, found: Comparison) -> None:
 
     Parameters
     ----------
-    node : Node
+    node : NodeClient
         The node.
     found : Comparison
         Its objects as `compare` found them.
@@ -467,7 +467,7 @@ def write(node: Node, found: Comparison) -> None:
     _verify(node, wanted, 'after storing and a reset')
 
 
-def _write_different(node: Node, found: Comparison) -> None:
+def _write_different(node: NodeClient, found: Comparison) -> None:
     """Write the objects that are not as wanted, those of the PDOs first."""
     different = found.different
     for pdo in found.wanted.pdos:
@@ -479,12 +479,12 @@ def _write_different(node: Node, found: Comparison) -> None:
             _write(node, each, found)
 
 
-def _excused(node: Node, wanted: WantedObjects) -> set[Key]:
+def _excused(node: NodeClient, wanted: WantedObjects) -> set[Key]:
     """Return the objects of a node, as it is now, whose values do not matter."""
     return wanted.rules.excused(lambda index, subindex: _read_optional(node, (index, subindex)))
 
 
-def _put_back(node: Node, before: Comparison) -> str:
+def _put_back(node: NodeClient, before: Comparison) -> str:
     """Reset a node that was not set up; return in words whether it is as before."""
     try:
         node.reset()
@@ -497,7 +497,7 @@ def _put_back(node: Node, before: Comparison) -> str:
 
 
 def _write_pdo(
-    node: Node,
+    node: NodeClient,
     wanted: WantedPdo,
     found: Comparison,
 ) -> None:
@@ -519,7 +519,7 @@ def _write_pdo(
 
 
 def _write_mapping(
-    node: Node,
+    node: NodeClient,
     wanted: WantedPdo,
     found: Comparison,
 ) -> None:
@@ -547,7 +547,7 @@ def _write_mapping(
 
 
 def _write(
-    node: Node,
+    node: NodeClient,
     wanted: WantedObject,
     found: Comparison,
 ) -> None:
@@ -565,7 +565,7 @@ def _write(
 
 
 def _verify(
-    node: Node,
+    node: NodeClient,
     wanted: WantedObjects,
     when: str,
 ) -> None:

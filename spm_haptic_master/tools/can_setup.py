@@ -312,7 +312,7 @@ def _set_up(
     outcomes = []
     for joint, node_id, objects in nodes:
         try:
-            node = canopen_network.Node(network, node_id)
+            node = canopen_network.NodeClient(network, node_id)
             outcomes.append(_set_up_one(joint, node, objects, options.write, profile))
         except SetupError as error:
             outcomes.append(FAILED)
@@ -340,7 +340,7 @@ def _set_up(
 
 def _set_up_one(
     joint: str,
-    node: canopen_network.Node,
+    node: canopen_network.NodeClient,
     wanted: node_setup.WantedObjects,
     writes: bool,
     profile: int,
@@ -352,7 +352,7 @@ def _set_up_one(
     ----------
     joint : str
         Its joint.
-    node : canopen_network.Node
+    node : canopen_network.NodeClient
         The node.
     wanted : node_setup.WantedObjects
         Objects and PDOs that it is to have.
@@ -391,13 +391,13 @@ def _set_up_one(
     return outcome
 
 
-def _write(node: canopen_network.Node, found: node_setup.Comparison) -> str:
+def _write(node: canopen_network.NodeClient, found: node_setup.Comparison) -> str:
     """
     Write what differs, and store.
 
     Parameters
     ----------
-    node : canopen_network.Node
+    node : canopen_network.NodeClient
         The node.
     found : node_setup.Comparison
         What differs.

@@ -11,7 +11,7 @@ import can
 from encoder_frames import LAYOUTS
 import pytest
 from spm_haptic_master.encoders import canopen, canopen_network
-from spm_haptic_master.encoders.canopen_network import import_canopen, network_on, Node
+from spm_haptic_master.encoders.canopen_network import import_canopen, network_on, NodeClient
 from spm_haptic_master.encoders.encoder_objects import wanted_objects
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.simulation.object_store import Entry
@@ -287,7 +287,7 @@ def test_abort_codes_are_those_of_the_library(name, words):
 
 def test_a_bus_that_failed_is_the_reason(channel):
     with can.Bus(interface='virtual', channel=channel) as bus, network_on(bus) as network:
-        node = Node(network, 9)
+        node = NodeClient(network, 9)
         network.notifier.exception = OSError('down')
         for request in (lambda: node.read(0x1000, 0), lambda: node.write(0x1017, 0, 1, 2)):
             with pytest.raises(OSError, match='down'):
@@ -320,7 +320,7 @@ def test_without_the_library_it_is_named(monkeypatch):
 
 def test_a_refused_store_leaves_no_long_time_out(monkeypatch):
     """Else each later question to a silent device would take 15 s."""
-    node = Node(library.Network(), 1)
+    node = NodeClient(library.Network(), 1)
     usual = node._sdo.RESPONSE_TIMEOUT, node._sdo.MAX_RETRIES
 
     def refuse(*_):
