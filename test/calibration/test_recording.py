@@ -6,6 +6,7 @@
 from math import nan
 import signal
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from spm_haptic_master.tools import motion_source
 
 # Time between two evaluations (s).
 PERIOD = 0.05
+# Time without a set after which a recording ends (s), outside of these tests.
+PATIENCE = recording.PATIENCE
 DOWN = InputError('can0: the interface is down')
 
 
@@ -248,3 +251,47 @@ def test_raw_counts_have_no_direction_zero_or_harmonics():
     assert len(rest) == len(found) - 2
     assert all(set(value) == {0.0} for value in rest.values())
     assert found['encoders.harmonic_cos_deg'] == (0.0,) * 5
+
+
+class Clock:
+    """A clock that goes on by a period while the recording waits; sets arrive at some times."""
+
+    def __init__(self, monkeypatch, arrivals):
+        self.now = 100.0
+        self.samples = []
+        self._arrivals = arrivals
+        monkeypatch.setattr(recording, 'PATIENCE', PATIENCE)
+        monkeypatch.setattr(recording, 'time', SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(recording, 'wait', self._wait)
+
+    def _wait(self, _, period):
+        self.now += period
+        if self.now - 100.0 in self._arrivals:
+            self.samples.append(JointSample(int(1e9 * self.now), (0.1, 0.2, 0.3, 0.4)))
+
+    def follow(self, seconds):
+        """Return why a recording ended, and after how long, s."""
+        ended = recording._follow(
+            SimpleNamespace(done=lambda: False),
+            SimpleNamespace(fault='no answer'),
+            self.samples,
+            seconds,
+            lambda *_: False,
+            0.5,
+        )
+        return ended, self.now - 100.0
+
+
+@pytest.mark.parametrize(('arrivals', 'after'), [((), 5.5), ((1.0, 2.0), 7.5), ((5.0,), 10.5)])
+def test_a_recording_ends_when_no_set_has_come_for_more_than_five_seconds(
+    monkeypatch,
+    arrivals,
+    after,
+):
+    ended = Clock(monkeypatch, arrivals).follow(seconds=60.0)
+    assert ended == ('no more sets of readings arrive: no answer', after)
+
+
+def test_a_recording_lasts_for_its_seconds_from_the_first_set(monkeypatch):
+    arrivals = tuple(np.arange(2.0, 30.0, 1.0))
+    assert Clock(monkeypatch, arrivals).follow(seconds=10.0) == ('', 12.5)
