@@ -5,10 +5,12 @@
 
 from collections import deque
 from math import inf, nan
+import random
 
 import can
 from drive_rig import make_test_plan, MS, Rig
 import pytest
+from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.encoders import canopen
@@ -458,6 +460,48 @@ def test_closing_after_a_fault_enables_nothing(rig):
     rig.sent.clear()
     rig.step(TORQUES)
     assert set(rig.commands()) == {(0, 0)}
+
+
+def lose_settings(rig, drive):
+    """Have a drive boot with another cap; it starts by itself, as some do."""
+    rig._put(drive.boot())
+    drive.nmt = canopen.OPERATIONAL
+    drive.objects.show(cia402.MAXIMUM_TORQUE, 3000)
+
+
+MISHAPS = (
+    lose_settings,
+    lambda rig, drive: rig._put(drive.boot()),
+    lambda rig, drive: rig._put(drive._fail(0x2310)),
+    lambda rig, drive: setattr(drive, 'state', State.READY),
+    lambda rig, drive: drive.objects.show(cia402.MODE, 3),
+)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_whatever_happens_no_torque_goes_to_a_drive_without_its_settings(seed):
+    """Each mishap is heard in the sample that follows it."""
+    draw = random.Random(seed)
+    torques = 0
+    with Rig() as rig:
+        cap = rig.plan.drives[0].cap
+        for _ in range(8000):
+            if draw.random() < 0.002:
+                draw.choice(MISHAPS)(rig, draw.choice(rig.drive))
+            if draw.random() < 0.001:
+                for drive in rig.drive:
+                    drive.objects.show(cia402.MAXIMUM_TORQUE, cap)
+            if draw.random() < 0.01:
+                rig.drives.acknowledge()
+            rig.sent.clear()
+            rig.step(TORQUES)
+            if any(torque for _, torque in rig.commands()):
+                torques += 1
+                assert rig.report.fault is None
+                assert {drive.objects.value(*cia402.MAXIMUM_TORQUE) for drive in rig.drive} == {
+                    cap
+                }
+    assert torques > 300
 
 
 # Bus --------------------------------------------------------------------------------------
