@@ -118,6 +118,16 @@ def test_an_emergency_has_its_register_and_specific_bytes():
     )
 
 
+@pytest.mark.parametrize(
+    ('code', 'register', 'remains'),
+    [(0x0000, 0x00, False), (0x0000, 0x10, True), (0x00FF, 0x10, True), (0x0100, 0x10, False)],
+)
+def test_a_reset_with_a_register_says_that_another_error_remains(code, register, remains):
+    """A reset has the codes 00xxh (CiA 301, table 26); its register has what is left."""
+    data = bytes([code & 0xFF, code >> 8, register, 0, 0, 0, 0, 0])
+    assert canopen.emcy_words(data).endswith(': another error remains') is remains
+
+
 # Answers to an SDO upload (CiA 301, 7.2.4.3): command, 0x1000:00, four bytes; the value in them.
 @pytest.mark.parametrize(
     ('data', 'value'),

@@ -13,6 +13,7 @@ from readings import case_2_determinant, PAPER, SIGMA, wrapped
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.assembly_modes import LockedChain
+from spm_haptic_master.kinematics.closed_form import start_at
 from spm_haptic_master.kinematics.leg_kernels import common_turn
 from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS, SLICE
 
@@ -93,6 +94,25 @@ def test_models_of_random_mechanisms_in_a_working_mode(mode, number):
     for _ in range(number):
         well_posed += check_models(random_built(rng), mode, rng)
     assert well_posed >= 0.9 * number
+
+
+@pytest.mark.parametrize('missing', [(0,), (1,), (2,), (3,), (0, 1), (1, 2), (0, 2), (3, 1)])
+def test_a_start_has_the_joint_angles_of_its_orientation(missing):
+    """Of a mechanism of three different legs; what is missing follows from the leg's th3."""
+    rng = np.random.default_rng(16)
+    built = random_built(rng)
+    for mode in MODES:
+        rotation = kinematics.workspace_pose(0.2, rng.uniform(0.0, 6.0), 0.7)
+        rows = tuple(rotation.ravel().tolist())
+        joints = kinematics.mechanism_angles(rows, built.geometry, mode)
+        th1a, th2a, th3a, th1b, _, th3b, th1c, _, th3c = joints
+        readings = [th1a, th1b, th1c, th3a, th3b, th3c]
+        for place in missing:
+            readings[place] = None
+        start = start_at(rows, tuple(readings), built.geometry)
+        np.testing.assert_allclose(
+            wrapped(np.array(start) - (th1a, th2a, th3a, th1b, th1c)), 0.0, atol=1e-9
+        )
 
 
 def test_long_batches_are_their_rows():
