@@ -28,11 +28,13 @@ from math import inf, pi, remainder
 
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
+from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import is_within, rotation_distance
 from spm_haptic_master.supervision.anchor import TURN_DEVIATIONS
 from spm_haptic_master.supervision.folds import Folds
 from spm_haptic_master.supervision.protection import integrity
 from spm_haptic_master.supervision.rival import Rival, TRACKED_TURN
+from spm_haptic_master.supervision.rival_search import RivalSearch
 from spm_haptic_master.supervision.sample import Place, Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 
@@ -44,6 +46,9 @@ NEAR_REACH = 0.1
 # Times that a lost rival is searched for among all solutions before it is over: noise alone can
 # hide a solution near another one of the same sensors.
 MISSES = 3
+# Shares of the way to a solution behind a fold at which Gauss-Newton starts: the fold is half way,
+# and the way known to the second order.
+OVER_FOLD = 0.75, 1.5
 # Share of the least step to a rival from which a step may lead to it.
 HALF_WAY = 0.5
 # Places from which the truth of one hypothesis may have left; with more it may be anywhere.
@@ -60,8 +65,8 @@ class Rivals:
         Has the sets without one sensor, and their trials.
     count : int
         Number N of mounted sensors.
-    speed : float
-        Human motion limit of the rotation, rad/s.
+    speed, acceleration : float
+        Human motion limits of the rotation, rad/s and rad/s^2.
 
     Attributes
     ----------
@@ -73,22 +78,33 @@ class Rivals:
 
     """
 
-    def __init__(self, sensors: SensorsInUse, count: int, speed: float) -> None:
+    def __init__(
+        self,
+        sensors: SensorsInUse,
+        count: int,
+        speed: float,
+        acceleration: float,
+    ) -> None:
         self._sensors = sensors
         self._count = count
         self._speed = speed
+        self._search = RivalSearch(sensors, speed)
+        self._acceleration = acceleration
         self._folds = Folds(count)
-        # Of the latest sample: alert limit, and the parts without any rival, rad.
+        # Of the latest sample: alert limit, the parts without any rival, and how far from the
+        # orientation the truth may be if a sensor stepped in it, rad.
         self._limit = 0.0
         self._parts = [inf] * count
+        self._apart = inf
         self.unseen_steps: dict[int, float] = {}
         self.restart()
 
     def restart(self) -> None:
         """Know nothing: the truth of every hypothesis may be anywhere."""
         self.last: Place | None = None
-        # Stamp (ns) of the latest sample that the rivals followed.
+        # Stamp (ns) of the latest sample that the rivals followed, and the platform's speed then.
         self._followed = 0
+        self._platform_speed = 0.0
         # Where the platform was when each sensor became hidden.
         self._hidden: dict[int, Place] = {}
         # Where the truth of each sensor's hypothesis was, as its trial followed it last.
@@ -103,8 +119,8 @@ class Rivals:
         Follow the rivals with a sample with which all sensors in use agree.
 
         The parts without a rival come first (`Folds`). Then hypotheses whose truth may have left
-        are lost, all solutions are computed without one sensor at most, found rivals follow the
-        motion, and the parts are widened.
+        are lost, found rivals follow the motion, all solutions are computed without one sensor at
+        most, and the parts are widened.
 
         Parameters
         ----------
@@ -134,9 +150,9 @@ class Rivals:
         self._note_lost(sample, here)
         if self._rivals:
             self._note_gap(sample)
+            self._track(sample, here)
             self._find_recent(sample, here)
             self._find_in_all(sample, here)
-            self._track(sample, here)
         self.unseen_steps = self._least_steps()
         self._followed = sample.stamp
         return self.parts(here)
@@ -175,7 +191,7 @@ class Rivals:
             step = HALF_WAY * rival.least_step if rival.found else 0.0
             steps[rival.sensor] = min(step, steps.get(rival.sensor, inf))
         for sensor in self._used:
-            if self._parts[sensor] > self._limit:
+            if self._is_hidden(sensor):
                 steps[sensor] = 0.0
         return steps
 
@@ -187,7 +203,7 @@ class Rivals:
         from its last place. So a glitch leaves no rival behind.
         """
         for rival, place in self._found():
-            solution = self._near(sample, rival.sensor, place)
+            solution = self._search.next_to(sample, rival.sensor, place)
             if solution is None:
                 rival.found = False
             else:
@@ -241,15 +257,18 @@ class Rivals:
         Note the hypotheses whose truth may have left the orientation since the last one.
 
         A trial without the sensor that was followed through bad samples says where its truth is.
-        Else it may have left after a gap, a turn of more than `SAME_TURN`, a turn of half the way
-        to where two solutions of the others meet, and behind a time in which the sensor was
-        hidden, in which the platform turned by more than `TRACKED_TURN`, or a quarter of that way.
+        Else it may have left after a gap, a turn of more than `SAME_TURN`, where a human may have
+        turned the platform to the other side of the sensor's fold, and behind a time in which the
+        sensor was hidden, in which the platform turned by more than `TRACKED_TURN`, or a quarter
+        of the way to that side.
         """
         last = self.last
         if last is None:
+            self._apart = inf
             return
         is_gap = not sample.follows(last.stamp)
         turn = rotation_distance(here.quaternion, last.quaternion)
+        self._note_apart(turn, sample, last)
         if not is_gap and self._stays(turn):
             return
         on_trial = self._sensors.places_on_trial()
@@ -259,16 +278,38 @@ class Rivals:
                 self._note_on_trial(sensor, place, here)
             elif is_gap or turn > SAME_TURN:
                 self._lose(sensor, last)
-            if self._parts[sensor] > self._limit:
-                self._hidden.setdefault(sensor, last)
-            else:
-                self._note_seen(sensor, here, last, turn)
+            if self._may_cross(sensor):
+                self._lose(sensor, last)
+            self._note_hidden(sensor, here, last)
+
+    def _note_apart(self, turn: float, sample: Sample, last: Place) -> None:
+        """
+        Note how far the truth may be from the orientation if a sensor stepped in this sample.
+
+        The orientation turned. The truth went on as the platform did before, to what a human can
+        accelerate it. After a gap this is about the latest sample of a trial.
+
+        Parameters
+        ----------
+        turn : float
+            Turn of the orientation since the last one, rad.
+        sample : Sample
+            The sample.
+        last : Place
+            The last orientation.
+
+        """
+        elapsed = sample.time_since(last.stamp)
+        step = min(elapsed, sample.short_time * 1e-9)
+        moved = self._platform_speed * step + self._acceleration * step * step
+        self._apart = turn + max(turn, moved)
+        self._platform_speed = turn / elapsed if elapsed else self._speed
 
     def _stays(self, turn: float) -> bool:
         """Whether after such a turn (rad) the truth of every hypothesis stays where it was."""
         if self._hidden or self._sensors.is_trying:
             return False
-        if turn > min(SAME_TURN, 0.5 * self._folds.nearest):
+        if turn > SAME_TURN or self._folds.may_reach_any(self._apart):
             return False
         return max([self._parts[sensor] for sensor in self._used]) <= self._limit
 
@@ -279,17 +320,26 @@ class Rivals:
         if not is_same or place.stamp < here.stamp:
             self._lose(sensor, place)
 
-    def _note_seen(self, sensor: int, here: Place, last: Place, turn: float) -> None:
-        """Note a sensor that is not hidden: its truth may have left before, or by this turn."""
+    def _is_hidden(self, sensor: int) -> bool:
+        """Whether a sensor may be wrong by more than the alert limit, even without a rival."""
+        return self._parts[sensor] > self._limit
+
+    def _may_cross(self, sensor: int) -> bool:
+        """Whether the truth may be behind the fold of a sensor of which any fault is detected."""
+        return self._parts[sensor] < inf and self._folds.may_reach(sensor, self._apart)
+
+    def _note_hidden(self, sensor: int, here: Place, last: Place) -> None:
+        """Note since where a sensor is hidden; if it no longer is, its truth may have left."""
+        if self._is_hidden(sensor):
+            self._hidden.setdefault(sensor, last)
+            return
         began = self._hidden.pop(sensor, None)
         if began is not None and not self._is_beside(here, began, sensor):
             self._lose(sensor, began)
-        elif turn > 0.5 * self._folds.distances[sensor]:
-            self._lose(sensor, last)
 
     def _is_beside(self, here: Place, began: Place, sensor: int) -> bool:
         """Whether the platform turned so little that the truth of a hypothesis stays beside it."""
-        turn = min(TRACKED_TURN, 0.25 * self._folds.distances[sensor])
+        turn = min(TRACKED_TURN, 0.25 * self._folds.distance(sensor))
         return is_within(here.quaternion, began.quaternion, turn)
 
     def _is_same(self, sensor: int, place: Place, here: Place) -> bool:
@@ -340,23 +390,29 @@ class Rivals:
         """
         Find each rival that was lost shortly before: the solution next to its place.
 
-        It is none if the solution next to the orientation is the same: what the sensor does to
-        that the parity shows.
+        And those behind a fold, on both sides along the turn that a fault of the sensor makes.
         """
         for rival in self._waiting(here):
             place = rival.place
-            others = self._sensors.one_less(rival.sensor)
-            if place is None or others is None or not sample.follows(place.stamp):
+            if place is None or not sample.follows(place.stamp):
                 continue
-            solution = others.near(sample, place.quaternion)
-            if solution is None:
-                continue
-            beside = others.near(sample, here.quaternion)
-            if beside is not None and _are_same(beside, solution):
+            starts = self._beyond_fold(rival.sensor)
+            found = self._search.recent(sample, rival.sensor, (place, here), starts)
+            if found is not None:
                 self._rivals.remove(rival)
-            elif self._is_in_reach(sample, place, solution):
-                self._rivals.remove(rival)
-                self._add(rival, sample, here, solution)
+                for solution in found:
+                    self._add(replace(rival), sample, here, solution)
+
+    def _beyond_fold(self, sensor: int) -> list[Quaternion[float]]:
+        """Return starts from which Gauss-Newton leads to where the truth may be behind a fold."""
+        used = self._sensors.used
+        if used.estimate is None or not self._may_cross(sensor):
+            return []
+        apart = min(self._apart, self._folds.distance(sensor))
+        starts: list[Quaternion[float]] = []
+        for share in OVER_FOLD:
+            starts += used.solver.turned_by_fault(used.estimate, sensor, share * apart)
+        return starts
 
     def _find_in_all(self, sample: Sample, here: Place) -> None:
         """
@@ -368,8 +424,7 @@ class Rivals:
         if not waiting:
             return
         sensor = waiting[0].sensor
-        others = self._sensors.one_less(sensor)
-        solutions = [] if others is None else others.every(sample)
+        solutions = self._search.every(sample, sensor)
         for rival in waiting:
             if rival.sensor == sensor:
                 self._find_among(solutions, rival, sample, here)
@@ -387,8 +442,7 @@ class Rivals:
         One that had been found is over with a solution, or after `MISSES` places of the platform.
         Any other is searched for in one sample after another, see `_tries`.
         """
-        place = rival.place
-        reached = [other for other in solutions if self._is_in_reach(sample, place, other)]
+        reached = self._search.reached(sample, rival.place, solutions)
         rival.misses += 1
         if rival.born:
             rival.computed_at = here.quaternion
@@ -412,31 +466,8 @@ class Rivals:
         place = rival.place
         if self._sensors.used.entries > 1:
             return 1
-        is_near = place is not None and self._speed * sample.time_since(place.stamp) <= NEAR_REACH
+        is_near = place is not None and self._search.reach(sample, place) <= NEAR_REACH
         return 1 if is_near else MISSES
-
-    def _near(self, sample: Sample, sensor: int, place: Place) -> SampleEstimate | None:
-        """Return the solution without a sensor that continues a place."""
-        others = self._sensors.one_less(sensor)
-        if others is None:
-            return None
-        solution = others.near(sample, place.quaternion)
-        if solution is None or not self._is_in_reach(sample, place, solution):
-            return None
-        return solution
-
-    def _is_in_reach(
-        self,
-        sample: Sample,
-        place: Place | None,
-        solution: SampleEstimate,
-    ) -> bool:
-        """Whether a human can have turned the platform from a place to a solution."""
-        if place is None:
-            return True
-        turn = self._speed * sample.time_since(place.stamp)
-        turn += TURN_DEVIATIONS * solution.total_deviation
-        return is_within(solution.quaternion, place.quaternion, turn)
 
     def _add(
         self,
@@ -517,13 +548,8 @@ class Rivals:
         for rival, place in self._found():
             if rival.is_current(here):
                 continue
-            solution = self._near(sample, rival.sensor, place)
+            solution = self._search.next_to(sample, rival.sensor, place)
             if solution is None:
                 rival.found = False
             elif self._ends_at(rival, sample, here, solution):
                 self._rivals.remove(rival)
-
-
-def _are_same(one: SampleEstimate, other: SampleEstimate) -> bool:
-    """Whether two results of Gauss-Newton are one solution."""
-    return is_within(one.quaternion, other.quaternion, other.total_deviation)

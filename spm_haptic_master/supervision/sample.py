@@ -80,7 +80,11 @@ class Sample:
         """Return the time since a sample at an earlier stamp (ns), s: at least a period."""
         return max((self.stamp - stamp) * 1e-9, self.period)
 
+    @property
+    def short_time(self) -> int:
+        """Longest time after another sample, ns, by which it follows that shortly after."""
+        return min(round(SHORT_PERIODS * self.period * 1e9), SHORT_TIME)
+
     def follows(self, stamp: int) -> bool:
         """Whether it follows shortly after a sample at an earlier stamp, ns."""
-        short = min(round(SHORT_PERIODS * self.period * 1e9), SHORT_TIME)
-        return self.stamp - stamp <= short
+        return self.stamp - stamp <= self.short_time

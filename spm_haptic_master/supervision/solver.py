@@ -15,6 +15,7 @@ from spm_haptic_master.kinematics.estimation.sensor_faults import (
     implied_fault,
     ImpliedFault,
     parity_curvature,
+    turned_by_fault,
 )
 from spm_haptic_master.kinematics.estimation.solutions import (
     all_solutions,
@@ -173,3 +174,15 @@ class Solver:
             return abs(parity_curvature(estimate, sensor, self._geometry, self._working_mode))
         except (SpmError, ZeroDivisionError):
             return inf
+
+    def turned_by_fault(
+        self,
+        estimate: SampleEstimate,
+        sensor: int,
+        turn: float,
+    ) -> tuple[Quaternion[float], ...]:
+        """Return where a fault of a sensor turns an orientation by so much, rad, either way."""
+        try:
+            return turned_by_fault(estimate, sensor, turn, self._geometry, self._working_mode)
+        except (SpmError, ZeroDivisionError):
+            return ()

@@ -113,7 +113,12 @@ class Supervisor:
         self.joints = JointMonitors(sigma, limits)
         self._sensors = SensorsInUse(solver, sigma, limits)
         self._anchor = Anchor(limits.joint_speed, max(sigma), max(limits.bias))
-        self._rivals = Rivals(self._sensors, len(sigma), limits.joint_speed)
+        self._rivals = Rivals(
+            self._sensors,
+            len(sigma),
+            limits.joint_speed,
+            limits.joint_acceleration,
+        )
         self._exposure = Exposure(len(sigma), limits.window)
         self._unseen_jumps = UnseenJumps(self.joints, self._exposure, self._rivals)
         self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
@@ -493,7 +498,6 @@ class Supervisor:
         The sensors that are left out stay so, and the time since each sensor was last checked goes
         on.
         """
-        self._undetermined = None
         self._state.restart()
         self.latch.restart()
         self._sensors.restart()

@@ -13,7 +13,7 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import measured_angles, velocity_rows
-from spm_haptic_master.kinematics.number_backends import FLOATS, Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
     conjugate,
     multiply_quaternions,
@@ -138,9 +138,8 @@ def parity_curvature(
     quaternion = estimate.quaternion
     rotation = rotation_from_quaternion(*quaternion)
     angles = measured_angles(rotation, geometry, working_mode, 6)
-    row = _sensor_rows(rotation, angles, geometry)[sensor]
-    gain = times(estimate.covariance, row)
-    turn = quaternion_from_vector(*scaled(CURVATURE_TURN / math.hypot(*gain), gain))
+    direction = _fault_direction(estimate, sensor, _sensor_rows(rotation, angles, geometry))
+    turn = quaternion_from_vector(*scaled(CURVATURE_TURN, direction))
     ahead = multiply_quaternions(turn, quaternion)
     behind = multiply_quaternions(conjugate(turn), quaternion)
     angles_ahead = measured_angles(rotation_from_quaternion(*ahead), geometry, working_mode, 6)
@@ -154,6 +153,57 @@ def parity_curvature(
         along = sum(map(mul, gains[place], own))
         bent += along * (change_ahead + change_behind)
     return 0.5 * bent / (math.hypot(*own) * CURVATURE_TURN * CURVATURE_TURN)
+
+
+def turned_by_fault(
+    estimate: SampleEstimate,
+    sensor: int,
+    turn: float,
+    geometry: Geometry,
+    working_mode: WorkingMode,
+) -> tuple[Quaternion[float], Quaternion[float]]:
+    """
+    Return the orientations to which a fault of one sensor turns another one, either way.
+
+    Parameters
+    ----------
+    estimate : SampleEstimate
+        Orientation by four or more sensors in use.
+    sensor : int
+        Place of the faulty sensor in ALL_JOINT_NAMES.
+    turn : float
+        By what angle, rad.
+    geometry, working_mode
+        As of `solutions.fit_near`.
+
+    Returns
+    -------
+    tuple of two quaternions
+        x, y, z, w of R_base_platform, by the first order.
+
+    Raises
+    ------
+    SpmError
+        A leg does not reach the orientation, or is on the boundary of its working mode.
+
+    """
+    rotation = rotation_from_quaternion(*estimate.quaternion)
+    angles = measured_angles(rotation, geometry, working_mode, 6)
+    direction = _fault_direction(estimate, sensor, _sensor_rows(rotation, angles, geometry))
+    rotated = quaternion_from_vector(*scaled(turn, direction))
+    ahead = multiply_quaternions(rotated, estimate.quaternion)
+    behind = multiply_quaternions(conjugate(rotated), estimate.quaternion)
+    return ahead, behind
+
+
+def _fault_direction(
+    estimate: SampleEstimate,
+    sensor: int,
+    rows: list[Vector[float]],
+) -> Vector[float]:
+    """Return the axis, of length 1, about which a fault of a sensor turns it: that of C h_i."""
+    gain = times(estimate.covariance, rows[sensor])
+    return scaled(1.0 / math.hypot(*gain), gain)
 
 
 def _sensor_rows(
