@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.kinematics.vectors import subtracted
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation import remote_centre
+from spm_haptic_master.teleoperation.burst_limit import BurstLimit
 from spm_haptic_master.teleoperation.command import Command, Pose
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
 from spm_haptic_master.teleoperation.conditions import (
@@ -33,11 +34,6 @@ from spm_haptic_master.teleoperation.following import Following
 from spm_haptic_master.teleoperation.remote_centre import Pivot, RemoteCentre
 from spm_haptic_master.teleoperation.vectors import FloatQuaternion, FloatVector, norm
 from spm_haptic_master.timing import SECOND, StampGrid
-
-# Largest backlog (s) of commands that may go out at once beyond the longest step: a computer
-# without real time delays that much now and then. Factor at which that time grows back.
-BURST = 0.01
-GROWTH = 1.25
 
 
 class Phase(Enum):
@@ -72,9 +68,7 @@ class Teleoperation:
         # Stamp of the last orientation (ns), and which of them are followed by a command.
         self._stamp: int | None = None
         self._grid = StampGrid(conditions.command_rate, conditions.sample_rate)
-        # Time that commands may still make up for, s: those of a burst, by their stamps as far
-        # apart as ever, go out hardly faster than time passes.
-        self._budget = limits.longest_step + BURST
+        self._burst = BurstLimit(limits.longest_step)
         # The course of the slave; None while it is not engaged.
         self._following: Following | None = None
         # Where the slave pivots; kept while the clutch is pressed, None without a trocar.
@@ -112,8 +106,7 @@ class Teleoperation:
     def pass_time(self, dt: float) -> None:
         """Let time pass, s: disengage if an input has become too old."""
         self._inputs.pass_time(dt)
-        grown = self._budget + GROWTH * dt
-        self._budget = min(grown, self._limits.longest_step + BURST)
+        self._burst.pass_time(dt)
         if self.phase is not Phase.DISENGAGED:
             self._release(self._blocking() or ('' if self._inputs.is_present else NO_PRESENCE))
         elif self._enabled_at is not None and (
@@ -295,10 +288,8 @@ class Teleoperation:
         master: FloatQuaternion,
     ) -> bool:
         """Move the command, and return whether it has; a limit that it would break disengages."""
-        used = min((stamp - following.stamp) / SECOND, self._limits.longest_step)
-        if used > self._budget:
+        if not self._burst.allows((stamp - following.stamp) / SECOND):
             return False
-        self._budget -= used
         broken = following.advance(master, self._inputs.insertion, stamp)
         if broken:
             self.disengage(f'{broken} above the limit')
