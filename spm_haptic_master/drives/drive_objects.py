@@ -169,41 +169,32 @@ def _received(plan: Plan, drive: DrivePlan) -> list[WantedPdo]:
     """
     control = _entry(cia402.CONTROLWORD, 16)
     torque = _entry(cia402.TARGET_TORQUE, 16)
-    timer = _timer(TORQUE_TIMERS[0], 'RPDO1', plan.event_timer)
-    rpdo = canopen.RPDO_PARAMETERS
     if not plan.combined:
-        entries = [control, torque]
-        return [
-            wanted_pdo(
-                index=rpdo,
-                name='RPDO1',
-                identifier=drive.control_id,
-                transmission=AT_ONCE,
-                times=timer,
-                entries=entries,
-            )
-        ]
+        return [_rpdo(0, drive.control_id, [control, torque], plan.event_timer)]
     left_out = INTEGER16 << 16 | 16
-    mapped = [torque if other is drive else left_out for other in plan.drives]
-    timer = _timer(TORQUE_TIMERS[1], 'RPDO2', plan.event_timer)
+    torques = [torque if other is drive else left_out for other in plan.drives]
     return [
-        wanted_pdo(
-            index=rpdo,
-            name='RPDO1',
-            identifier=drive.control_id,
-            transmission=AT_ONCE,
-            times=[],
-            entries=[control],
-        ),
-        wanted_pdo(
-            index=rpdo + 1,
-            name='RPDO2',
-            identifier=plan.combined_id,
-            transmission=AT_ONCE,
-            times=timer,
-            entries=mapped,
-        ),
+        _rpdo(0, drive.control_id, [control], event_timer=0.0),
+        _rpdo(1, plan.combined_id, torques, plan.event_timer),
     ]
+
+
+def _rpdo(
+    number: int,
+    identifier: int,
+    entries: list[int],
+    event_timer: float,
+) -> WantedPdo:
+    """Return an RPDO, counted from 0, that is used at once; time of its event timer, s, or 0."""
+    name = f'RPDO{number + 1}'
+    return wanted_pdo(
+        index=canopen.RPDO_PARAMETERS + number,
+        name=name,
+        identifier=identifier,
+        transmission=AT_ONCE,
+        times=_timer(TORQUE_TIMERS[number], name, event_timer),
+        entries=entries,
+    )
 
 
 def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
@@ -214,36 +205,30 @@ def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
     With the timer an inhibit time keeps it from coming more often.
     """
     index = canopen.TPDO_PARAMETERS
-    entries = [
-        _entry(cia402.STATUSWORD, 16),
-        _entry(cia402.TORQUE_ACTUAL, 16),
-        _entry(cia402.MODE_DISPLAY, 8),
-    ]
-    if plan.status_syncs:
-        return wanted_pdo(
+    transmission = plan.status_syncs
+    times = []
+    if not plan.status_syncs:
+        transmission = AT_ONCE
+        # The unit of an inhibit time is 100 us.
+        inhibit = WantedObject(
             index=index,
-            name='TPDO1',
-            identifier=drive.status_id,
-            transmission=plan.status_syncs,
-            times=[],
-            entries=entries,
+            subindex=canopen.TPDO_INHIBIT_TIME,
+            size=2,
+            name='TPDO1 inhibit time',
+            value=10 * _milliseconds(plan.status_period),
         )
-    # The unit of an inhibit time is 100 us.
-    inhibit = WantedObject(
-        index=index,
-        subindex=canopen.TPDO_INHIBIT_TIME,
-        size=2,
-        name='TPDO1 inhibit time',
-        value=10 * _milliseconds(plan.status_period),
-    )
-    times = [inhibit, *_timer(STATUS_TIMER, 'TPDO1', plan.status_period)]
+        times = [inhibit, *_timer(STATUS_TIMER, 'TPDO1', plan.status_period)]
     return wanted_pdo(
         index=index,
         name='TPDO1',
         identifier=drive.status_id,
-        transmission=AT_ONCE,
+        transmission=transmission,
         times=times,
-        entries=entries,
+        entries=[
+            _entry(cia402.STATUSWORD, 16),
+            _entry(cia402.TORQUE_ACTUAL, 16),
+            _entry(cia402.MODE_DISPLAY, 8),
+        ],
     )
 
 

@@ -12,7 +12,7 @@ passed, and only as they were then.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 import json
 from math import isclose
 from pathlib import Path
@@ -39,19 +39,17 @@ class Identity:
 
     """
 
-    vendor: int | None
-    product: int | None
-    serial: int | None
+    vendor: int | None = None
+    product: int | None = None
+    serial: int | None = None
 
     @property
     def words(self) -> str:
         """Return the identity in words."""
-        numbers = [
-            f'{field.name} {"none" if number is None else f"0x{number:X}"}'
-            for field in fields(self)
-            for number in (getattr(self, field.name),)
-        ]
-        return ', '.join(numbers)
+        return ', '.join(
+            f'{name} {"none" if number is None else f"0x{number:X}"}'
+            for name, number in asdict(self).items()
+        )
 
 
 @dataclass(frozen=True, slots=True)
