@@ -21,10 +21,12 @@ from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.axes import AXES, GRIPPER, INSERTION
 from spm_haptic_master.parameters.setting import Values
 
-# Periods without a reading after which it is missing, and of good readings after a fast one until
-# the next is taken.
+# Periods without a reading after which it is missing.
 MISSING_PERIODS = 3.0
+# Time of good readings after a fast one until the next is taken: so many periods, and a time (s).
+# It is longer than whoever follows the axis waits for a reading: a jump that stays disengages.
 SETTLE_PERIODS = 3.0
+SETTLE_TIME = 0.03
 # Share of the range beyond its ends that is still a reading (unit 1).
 BEYOND_RANGE = 0.02
 
@@ -211,7 +213,7 @@ class SingleAxis:
         elapsed = stamp - before[0]
         longest_way = self.limits.speed * max(elapsed, self._period)
         if elapsed <= 0.0 or abs(position - before[1]) > longest_way:
-            self._settles_at = stamp + SETTLE_PERIODS * self._period
+            self._settles_at = stamp + SETTLE_PERIODS * self._period + SETTLE_TIME
         return stamp < self._settles_at
 
 
