@@ -572,6 +572,43 @@ def test_zeros_that_leave_a_fifth_of_a_degree_are_not_determined(
         )
 
 
+def test_a_motion_that_leaves_the_zeros_open_is_refused_before_more_is_fitted(monkeypatch):
+    monkeypatch.setattr(free_motion, 'ZEROS_LIMIT', radians(1e-4))
+    monkeypatch.setattr(free_motion.fit, 'choose', None)
+    stamps, raw, direction, zeros = short_motion()
+    with pytest.raises(CalibrationError, match='^the motion does not determine the zeros: they'):
+        free_motions.calibrated(
+            stamps[::100],
+            raw[::100],
+            direction,
+            zeros,
+        )
+
+
+def test_slow_errors_count_as_noise_and_take_from_the_information(monkeypatch):
+    """Four times the variance: twice the noise, and a quarter of the information."""
+    layout = Layout(4)
+    informations = []
+
+    def estimated(given, vector, columns, information):
+        informations.append(information)
+        return given
+
+    normal = SimpleNamespace(matrix=8.0 * np.eye(3), rotation=None)
+    monkeypatch.setattr(free_motion.fit, 'normal_equations', lambda *_: normal)
+    monkeypatch.setattr(free_motion.misfit, 'slow_factor', lambda *_: 4.0)
+    monkeypatch.setattr(free_motion, 'estimated_tolerances', estimated)
+    found = free_motion._as_found(
+        SimpleNamespace(layout=layout, sigma=np.full(4, 1e-3)),
+        None,
+        SimpleNamespace(seconds=None),
+        SimpleNamespace(normal=normal, vector=None, columns=None),
+    )
+    assert found.layout is layout
+    np.testing.assert_allclose(found.sigma, 2e-3)
+    np.testing.assert_allclose(informations, [2.0 * np.eye(3)])
+
+
 @pytest.fixture
 def searched(monkeypatch):
     """Let a search find directions; return what was asked of it."""

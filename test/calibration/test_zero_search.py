@@ -598,3 +598,32 @@ def test_that_several_zeros_explain_a_motion_ends_its_search(monkeypatch):
     means = SimpleNamespace(readings=np.tile(np.arange(4.0), (10, 1)))
     with pytest.raises(CalibrationError, match='many explain it'):
         find_start(means, model_of())
+
+
+def test_a_quarter_of_the_guesses_is_improved_to_the_end(monkeypatch):
+    """Two of eight, whose zeros are far apart, for each of sixteen combinations of directions."""
+    exact, model = some_readings(40)
+    far = np.random.default_rng(8).uniform(-3.0, 3.0, (8, 4))
+    far[0] = 0.01
+    monkeypatch.setattr(zero_search, 'sensor_angles', lambda **_: exact[0] + far)
+    found = search_zeros(exact, model.layout, 8)
+    assert 16 < len(found) <= 32
+    assert found[0].direction == ONWARDS
+    assert np.abs(found[0].zeros).max() < 1e-4
+
+
+def test_the_search_is_by_the_first_four_sensors(monkeypatch):
+    """Samples that are far from each other by these; a fifth sensor may be anywhere."""
+    exact, _ = some_readings(300)
+    fifth = 100.0 * np.random.default_rng(9).normal(size=(300, 2))
+    given = []
+
+    def search(readings, layout, count):
+        given.append(readings)
+        return [ZeroGuess(ONWARDS, np.zeros(4), 0.001)]
+
+    monkeypatch.setattr(zero_search, 'search_zeros', search)
+    zero_search._guesses(np.column_stack([exact, fifth]), model_of(6).layout, 1)
+    zero_search._guesses(exact, model_of().layout, 1)
+    np.testing.assert_array_equal(given[0], given[1])
+    assert 100 < len(given[0]) < 200

@@ -346,9 +346,10 @@ def _slips(
     rights = np.stack([piece.right for piece in pieces])
     right = rights.sum(axis=0) + found.vector[places] * weights
     covariance = inverse(matrices.sum(axis=0) + np.diag(weights))
-    # The part of the change that a piece has: after each piece all of it, or more and more.
+    # The part of the change that a piece has: after each piece all of it, or more and more. What
+    # all pieces share is the zero's own.
     steps = np.tri(PIECES, PIECES - 1, -1).T
-    drift = (np.arange(PIECES) + 0.5) / PIECES
+    drift = np.arange(PIECES) / PIECES
     shares = np.vstack([steps, drift])
     sensors = model.layout.sensors
     along = np.tensordot(shares, matrices, 1)[:, :, :sensors]
