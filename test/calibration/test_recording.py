@@ -269,14 +269,14 @@ class Clock:
         if self.now - 100.0 in self._arrivals:
             self.samples.append(JointSample(int(1e9 * self.now), (0.1, 0.2, 0.3, 0.4)))
 
-    def follow(self, seconds):
+    def follow(self, seconds, evaluate=lambda *_: False):
         """Return why a recording ended, and after how long, s."""
         ended = recording._follow(
             SimpleNamespace(done=lambda: False),
             SimpleNamespace(fault='no answer'),
             self.samples,
             seconds,
-            lambda *_: False,
+            evaluate,
             0.5,
         )
         return ended, self.now - 100.0
@@ -295,3 +295,15 @@ def test_a_recording_ends_when_no_set_has_come_for_more_than_five_seconds(
 def test_a_recording_lasts_for_its_seconds_from_the_first_set(monkeypatch):
     arrivals = tuple(np.arange(2.0, 30.0, 1.0))
     assert Clock(monkeypatch, arrivals).follow(seconds=10.0) == ('', 12.5)
+
+
+def test_a_recording_is_enough_when_its_evaluation_says_so_of_the_first_set(monkeypatch):
+    """Without a set there is nothing to evaluate."""
+    numbers = []
+
+    def evaluate(found, since):
+        numbers.append(len(found[0]))
+        return True
+
+    assert Clock(monkeypatch, (2.0, 3.0)).follow(60.0, evaluate) == ('', 2.0)
+    assert numbers == [1]

@@ -139,7 +139,7 @@ def reached(
     matrices = np.where(usable[:, None, None], rotation, np.eye(3))
     angles = sensor_angles(matrices, geometry, working_mode, sensors)
     rates = jacobian(matrices, geometry, working_mode, sensors=sensors)
-    usable &= np.isfinite(angles).all(axis=1)
+    # Without its angle a joint has no rate.
     usable &= np.isfinite(rates).all(axis=(1, 2))
     angles[~usable] = 0.0
     rates[~usable] = np.eye(sensors, 3)
