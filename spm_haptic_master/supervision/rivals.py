@@ -276,9 +276,7 @@ class Rivals:
             place = on_trial.get(sensor)
             if place is not None and place != self._on_trial.get(sensor):
                 self._note_on_trial(sensor, place, here)
-            elif is_gap or turn > SAME_TURN:
-                self._lose(sensor, last)
-            if self._may_cross(sensor):
+            elif is_gap or turn > SAME_TURN or self._may_cross(sensor):
                 self._lose(sensor, last)
             self._note_hidden(sensor, here, last)
 
@@ -317,7 +315,7 @@ class Rivals:
         """Note where the truth of a hypothesis is, as its trial followed it."""
         self._on_trial[sensor] = place
         is_same = self._is_same(sensor, place, here)
-        if not is_same or place.stamp < here.stamp:
+        if not is_same or place.stamp < here.stamp or self._may_cross(sensor):
             self._lose(sensor, place)
 
     def _is_hidden(self, sensor: int) -> bool:
