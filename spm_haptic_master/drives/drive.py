@@ -286,11 +286,12 @@ class Drive:
                 return profile
 
     def _read_identity(self) -> Generator[None, None, Identity]:
-        """Read vendor id, product code and serial number (1018h); None for a missing one."""
+        """Read vendor id, product code, serial number and polarity; None for a missing one."""
         vendor = yield from self.sdo.read(canopen.VENDOR_ID)
         product = yield from self.sdo.read(canopen.PRODUCT_CODE)
         serial = yield from self.sdo.read_alone(canopen.SERIAL_NUMBER)
-        return Identity(vendor=vendor, product=product, serial=serial)
+        polarity = yield from self.sdo.read(cia402.POLARITY)
+        return Identity(vendor=vendor, product=product, serial=serial, polarity=polarity)
 
     def set_mode(self) -> Steps:
         """

@@ -30,22 +30,25 @@ SAME = 1e-6
 @dataclass(frozen=True, slots=True)
 class Identity:
     """
-    Identity of a drive (1018h); None for an object that it does not have.
+    What a drive reports of itself; None for an object that it does not have.
 
     Attributes
     ----------
     vendor, product, serial : int or None
-        Vendor id, product code, serial number.
+        Vendor id, product code, serial number (1018h).
+    polarity : int or None
+        Polarity (607Eh): a drive may turn its commands around by it.
 
     """
 
     vendor: int | None = None
     product: int | None = None
     serial: int | None = None
+    polarity: int | None = None
 
     @property
     def words(self) -> str:
-        """Return the identity in words."""
+        """Return it in words."""
         return ', '.join(
             f'{name} {"none" if number is None else f"0x{number:X}"}'
             for name, number in asdict(self).items()
@@ -241,7 +244,7 @@ def _identity_from(content: dict[str, Any]) -> Identity:
     """Return the identity in the file's content; errors as of `_drive_from`."""
     numbers = {
         name: None if content[name] is None else int(content[name])
-        for name in ('vendor', 'product', 'serial')
+        for name in ('vendor', 'product', 'serial', 'polarity')
     }
     return Identity(**numbers)
 

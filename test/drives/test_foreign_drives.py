@@ -9,7 +9,7 @@ import uuid
 import can
 from drive_rig import make_test_plan
 from foreign_drives import epos2, epos4, faulhaber, FIRST_SERIAL, foreign_drives, ipos
-from foreign_nodes import canopen
+from foreign_nodes import canopen, Held
 import pytest
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.drives.passed_check import Identity
@@ -154,13 +154,18 @@ def test_the_start_says_the_same_and_sends_no_torque(channel):
 
 def test_drives_as_configured_are_read_to_their_identity_and_asked_for_a_status(channel):
     """The LocalNode has no states of CiA 402: it ends where the first status frame is due."""
+
+    def turned_around(node_id):
+        return {**epos4(node_id), (0x607E, 0): Held(0x20, 1)}
+
     plan = make_test_plan(drives__verified_by_hand=BY_HAND, drives__status_by='sync')
-    with foreign_drives(channel, epos4) as nodes:
+    with foreign_drives(channel, turned_around) as nodes:
         for node in nodes:
             node.sdo[0x1800][2].raw = 1
         drives, report = started(channel, plan, is_answered)
     assert 'no status frame 2 s after its start' in report.fault
     check = drives.passed_check('today')
     assert [drive.identity for drive in check.drives] == [
-        Identity(vendor=0xFB, product=0x6550, serial=FIRST_SERIAL + number) for number in range(3)
+        Identity(vendor=0xFB, product=0x6550, serial=FIRST_SERIAL + number, polarity=0x20)
+        for number in range(3)
     ]

@@ -89,9 +89,9 @@ def test_a_file_whose_values_are_none_is_named(file, changed):
         make_drives(drive_values(drives__check_file=str(file(**changed))))
 
 
-@pytest.mark.parametrize('name', ['vendor', 'product', 'serial'])
+@pytest.mark.parametrize('name', ['vendor', 'product', 'serial', 'polarity'])
 def test_another_drive_than_the_checked_one_gets_no_torque(file, name):
-    """Two drives that were exchanged, or a new one, may turn another way."""
+    """Two drives that were exchanged, a new one, or one set anew may turn another way."""
     check = read_check(file(identity={name: 99}))
     with Rig(check=check) as rig:
         report = rig.run(TORQUES, 2.0)
