@@ -165,6 +165,17 @@ def test_a_handle_that_turns_against_its_torque_is_said_in_words():
         identify_friction(against)
 
 
+@pytest.mark.parametrize('joint', [0, 1, 2, 3])
+def test_a_joint_may_pass_the_end_of_its_turn_in_a_step(joint):
+    angles = np.zeros((20, 4))
+    angles[:10, joint] = 3.13
+    angles[10:, joint] = -3.13
+    found = step_response(joint, np.where(np.arange(20) < 10, 0.0, 0.1), angles)
+    expected = np.zeros(4)
+    expected[joint] = 2.0 * np.pi - 6.26
+    assert found.turns == pytest.approx(expected)
+
+
 def test_five_samples_before_a_step_and_five_after_it_are_enough():
     step = np.arange(10) >= 5
     found = step_response(
