@@ -48,7 +48,7 @@ NEAR_REACH = 0.1
 MISSES = 3
 # Shares of the way to a solution behind a fold at which Gauss-Newton starts: the fold is half way,
 # and the way known to the second order.
-OVER_FOLD = 0.75, 1.5
+OVER_FOLD = 0.6, 1.5
 # Share of the least step to a rival from which a step may lead to it.
 HALF_WAY = 0.5
 # Places from which the truth of one hypothesis may have left; with more it may be anywhere.
