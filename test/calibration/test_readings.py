@@ -329,7 +329,9 @@ def test_a_motion_needs_two_hundred_sets_and_two_seconds(
     last,
     words,
 ):
-    stamps = 5 + np.rint(1e9 * np.linspace(0.0, last, sets)).astype(np.int64)
+    stamps = 1_700_000_000_000_000_000 + np.rint(1e9 * np.linspace(0.0, last, sets)).astype(
+        np.int64
+    )
     if words is None:
         motion_of._check_stamps(stamps, 5)
         return
