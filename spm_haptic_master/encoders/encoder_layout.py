@@ -273,9 +273,14 @@ class EncoderLayout:
             return angle - TURN
         return angle
 
-    def data(self, angle: float, counter: int = 0) -> bytes:
+    def data(
+        self,
+        angle: float,
+        counter: int = 0,
+        healthy: bool = True,
+    ) -> bytes:
         """
-        Return the data of a frame without an error, as an encoder sends it.
+        Return the data of a frame, as an encoder sends it.
 
         Parameters
         ----------
@@ -283,6 +288,8 @@ class EncoderLayout:
             Joint angle, rad.
         counter : int
             Number of frames before, for the rolling counter.
+        healthy : bool
+            Whether the status bits report no error.
 
         Returns
         -------
@@ -301,7 +308,11 @@ class EncoderLayout:
         start = self.byte_offset
         data[start : start + self.byte_length] = word.to_bytes(self.byte_length, self.byte_order)
         if self.status_mask:
-            data[self.status_byte] |= self.status_good
+            if healthy:
+                status = self.status_good
+            else:
+                status = ~self.status_good & self.status_mask
+            data[self.status_byte] |= status
         if self.counter_mask:
             data[self.counter_byte] |= counter % self.counter_modulus << lowest_bit(
                 self.counter_mask
