@@ -57,6 +57,8 @@ class Folds:
         # if the others do not check it.
         self._bends = [0.0] * self._sensors
         self._changes = [0.0] * self._sensors
+        # The largest of each, of the sensors that the others check.
+        self._largest_bend = self._largest_change = 0.0
 
     def distance(self, sensor: int) -> float:
         """Return the angle to the solution of the others behind a sensor's fold, rad: 1 / bend."""
@@ -69,7 +71,7 @@ class Folds:
 
     def may_reach_any(self, turn: float) -> bool:
         """Whether that may be so of any sensor."""
-        return turn * (max(self._bends) + turn * max(self._changes)) > EXPECTED
+        return turn * (self._largest_bend + turn * self._largest_change) > EXPECTED
 
     def parts(self, used: SensorSet, estimate: SampleEstimate, worth: Integrity) -> list[float]:
         """
@@ -122,6 +124,7 @@ class Folds:
         turn changes c by up to `change` a rad.
         """
         turn = ANY_TURN
+        largest_bend = largest_slope = 0.0
         healthy = worth.healthy
         for sensor in used.places:
             linear = parts[sensor] - healthy
@@ -133,6 +136,10 @@ class Folds:
             bend = slope * self._curvatures[sensor]
             self._bends[sensor] = bend
             self._changes[sensor] = slope * change
+            if bend > largest_bend:
+                largest_bend = bend
+            if slope > largest_slope:
+                largest_slope = slope
             share = 4.0 * bend * linear
             if share >= 1.0:
                 parts[sensor] = inf
@@ -143,4 +150,6 @@ class Folds:
             changed = 4.0 * slope * linear * change * turn
             if changed > SHARE * rest:
                 turn *= SHARE * rest / changed
+        self._largest_bend = largest_bend
+        self._largest_change = largest_slope * change
         return max(turn, NEAR_TURN)

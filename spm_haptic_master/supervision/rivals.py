@@ -191,7 +191,7 @@ class Rivals:
             step = HALF_WAY * rival.least_step if rival.found else 0.0
             steps[rival.sensor] = min(step, steps.get(rival.sensor, inf))
         for sensor in self._used:
-            if self._is_hidden(sensor):
+            if self._parts[sensor] > self._limit:
                 steps[sensor] = 0.0
         return steps
 
@@ -268,19 +268,20 @@ class Rivals:
             return
         is_gap = not sample.follows(last.stamp)
         turn = rotation_distance(here.quaternion, last.quaternion)
-        self._note_apart(turn, sample, last)
-        if not is_gap and self._stays(turn):
+        self._note_apart(turn, sample, last, is_gap=is_gap)
+        left = self._used if is_gap or turn > SAME_TURN else self._behind_folds()
+        if not left and self._stay():
             return
         on_trial = self._sensors.places_on_trial()
         for sensor in self._used:
             place = on_trial.get(sensor)
             if place is not None and place != self._on_trial.get(sensor):
                 self._note_on_trial(sensor, place, here)
-            elif is_gap or turn > SAME_TURN or self._may_cross(sensor):
+            elif sensor in left:
                 self._lose(sensor, last)
             self._note_hidden(sensor, here, last)
 
-    def _note_apart(self, turn: float, sample: Sample, last: Place) -> None:
+    def _note_apart(self, turn: float, sample: Sample, last: Place, *, is_gap: bool) -> None:
         """
         Note how far the truth may be from the orientation if a sensor stepped in this sample.
 
@@ -295,19 +296,25 @@ class Rivals:
             The sample.
         last : Place
             The last orientation.
+        is_gap : bool
+            Whether the sample does not follow it shortly.
 
         """
         elapsed = sample.time_since(last.stamp)
-        step = min(elapsed, sample.short_time * 1e-9)
+        step = sample.short_time * 1e-9 if is_gap else elapsed
         moved = self._platform_speed * step + self._acceleration * step * step
         self._apart = turn + max(turn, moved)
         self._platform_speed = turn / elapsed if elapsed else self._speed
 
-    def _stays(self, turn: float) -> bool:
-        """Whether after such a turn (rad) the truth of every hypothesis stays where it was."""
+    def _behind_folds(self) -> tuple[int, ...]:
+        """Return the sensors behind whose folds the truth may be; none at usual rates."""
+        if not self._folds.may_reach_any(self._apart):
+            return ()
+        return tuple(filter(self._may_cross, self._used))
+
+    def _stay(self) -> bool:
+        """Whether no sensor is hidden or tried: the truth of each hypothesis is beside then."""
         if self._hidden or self._sensors.is_trying:
-            return False
-        if turn > SAME_TURN or self._folds.may_reach_any(self._apart):
             return False
         return max([self._parts[sensor] for sensor in self._used]) <= self._limit
 
@@ -318,17 +325,13 @@ class Rivals:
         if not is_same or place.stamp < here.stamp or self._may_cross(sensor):
             self._lose(sensor, place)
 
-    def _is_hidden(self, sensor: int) -> bool:
-        """Whether a sensor may be wrong by more than the alert limit, even without a rival."""
-        return self._parts[sensor] > self._limit
-
     def _may_cross(self, sensor: int) -> bool:
         """Whether the truth may be behind the fold of a sensor of which any fault is detected."""
         return self._parts[sensor] < inf and self._folds.may_reach(sensor, self._apart)
 
     def _note_hidden(self, sensor: int, here: Place, last: Place) -> None:
         """Note since where a sensor is hidden; if it no longer is, its truth may have left."""
-        if self._is_hidden(sensor):
+        if self._parts[sensor] > self._limit:
             self._hidden.setdefault(sensor, last)
             return
         began = self._hidden.pop(sensor, None)
