@@ -223,8 +223,11 @@ def read_check(path: Path) -> PassedCheck:
             raise ValueError(f'kind {content["kind"]!r}')
         return PassedCheck(str(content['date']), tuple(map(_drive_from, content['drives'])))
     except (OSError, UnicodeDecodeError, ValueError, TypeError, KeyError) as error:
+        shown = (
+            f'it has no {error}: record it anew' if isinstance(error, KeyError) else repr(error)
+        )
         raise InputError(
-            f'{path}: expected the file of a {KIND} (force_check --record --output): {error!r}'
+            f'{path}: expected the file of a {KIND} (force_check --record --output): {shown}'
         ) from error
 
 

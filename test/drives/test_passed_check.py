@@ -89,6 +89,17 @@ def test_a_file_whose_values_are_none_is_named(file, changed):
         make_drives(drive_values(drives__check_file=str(file(**changed))))
 
 
+@pytest.mark.parametrize('name', ['polarity', 'serial'])
+def test_a_file_that_lacks_what_tells_a_drive_is_to_be_recorded_anew(file, name):
+    """One that an older version has written knows no polarity."""
+    path = file()
+    content = json.loads(path.read_text())
+    del content['drives'][1]['identity'][name]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=f"check.json: .*it has no '{name}': record it anew"):
+        read_check(path)
+
+
 @pytest.mark.parametrize('name', ['vendor', 'product', 'serial', 'polarity'])
 def test_another_drive_than_the_checked_one_gets_no_torque(file, name):
     """Two drives that were exchanged, a new one, or one set anew may turn another way."""
