@@ -104,7 +104,7 @@ class Rivals:
         self.last: Place | None = None
         # Stamp (ns) of the latest sample that the rivals followed, and the platform's speed then.
         self._followed = 0
-        self._platform_speed = 0.0
+        self._platform_speed = self._speed
         # Where the platform was when each sensor became hidden.
         self._hidden: dict[int, Place] = {}
         # Where the truth of each sensor's hypothesis was, as its trial followed it last.
@@ -286,7 +286,8 @@ class Rivals:
         Note how far the truth may be from the orientation if a sensor stepped in this sample.
 
         The orientation turned. The truth went on as the platform did before, to what a human can
-        accelerate it. After a gap this is about the latest sample of a trial.
+        accelerate it. After a gap this is about the latest sample of a trial, before which the
+        speed may be any that a human reaches in the gap.
 
         Parameters
         ----------
@@ -301,10 +302,15 @@ class Rivals:
 
         """
         elapsed = sample.time_since(last.stamp)
-        step = sample.short_time * 1e-9 if is_gap else elapsed
-        moved = self._platform_speed * step + self._acceleration * step * step
+        step = elapsed
+        speed = self._platform_speed
+        if is_gap:
+            step = sample.short_time * 1e-9
+            speed = min(speed + self._acceleration * elapsed, self._speed)
+        moved = speed * step + self._acceleration * step * step
         self._apart = turn + max(turn, moved)
-        self._platform_speed = turn / elapsed if elapsed else self._speed
+        if sample.stamp > last.stamp:
+            self._platform_speed = turn / elapsed
 
     def _behind_folds(self) -> tuple[int, ...]:
         """Return the sensors behind whose folds the truth may be; none at usual rates."""
