@@ -24,7 +24,7 @@ Motor torques are continuous over the workspace. What the handle gets is G^T tau
 
 from __future__ import annotations
 
-from math import copysign, hypot, inf, sqrt
+from math import copysign, hypot, sqrt
 
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.statics import (
@@ -58,14 +58,11 @@ class ThreeMotors(MotorRates):
 
     def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
         super().__init__(geometry, working_mode, THREE, limits)
-        # The s_3 above which the weak part is whole: its bound is above the limit of one motor.
-        whole = max(
-            limits.sigma_full,
-            BEGIN * limits.sigma_off * (BOUND / (BOUND - 1.0) if BOUND > 1.0 else inf),
-        )
-        # Least 2 |det G| over the sum of the 1 / B_kk^2 with which s_3 is above it: a row of G is
-        # as long as sin beta / |B_kk|.
-        self._least = 0.5 * whole * max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
+        # Least 2 |det G| over the sum of the 1 / B_kk^2 with which s_3 is above sigma_full: a row
+        # of G is as long as sin beta / |B_kk|. The weak part is whole there: its bound is above
+        # the limit of one motor from s_3 = 0.7 sigma_off on.
+        longest = max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
+        self._least = 0.5 * limits.sigma_full * longest
         self._square = limits.motor_torque**2
 
     def strength(self, direction: Vector[float]) -> float:

@@ -105,6 +105,35 @@ def test_the_wall_pushes_inwards_at_any_speed():
             assert more * (velocity @ inwards) <= 1e-12
 
 
+def alone_at_the_rim(seed):
+    """Return a pose at the rim in which one leg alone is near its end, and its depth, rad."""
+    for R in poses_at_the_rim(20, seed):
+        if np.count_nonzero(margins(R) < 2.0 * BEGIN) == 1:
+            return R, BEGIN - margins(R).min()
+    raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ('limits', 'stiffness'),
+    [
+        ({}, 2.0),
+        # The torque at the end is the limit at most.
+        ({'torque': 0.1}, 0.1 / BEGIN),
+    ],
+)
+def test_the_wall_is_a_spring_with_a_damping_of_5_ms(limits, stiffness):
+    R, depth = alone_at_the_rim(8)
+    torque = wall(**limits)
+    push = torque(R)
+    size = np.linalg.norm(push)
+    assert size == pytest.approx(stiffness * depth)
+    inwards = push / size
+    for speed in (0.5, -0.5):
+        outwards = tuple((-speed * inwards).tolist())
+        felt = torque(R, outwards) @ inwards
+        assert felt == pytest.approx(stiffness * (depth + 5e-3 * speed))
+
+
 def test_there_is_no_wall_inside_nor_without_a_velocity_nor_where_it_is_switched_off():
     R = poses_at_the_rim(1, seed=4)[0]
     assert wall()(R).any()

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from spm_haptic_master.kinematics import rotations
 from spm_haptic_master.teleoperation import command_limits
-from spm_haptic_master.teleoperation.vectors import unit_quaternion
+from spm_haptic_master.teleoperation.burst_limit import BurstLimit
+from spm_haptic_master.teleoperation.tilt_cone import TiltCone
+from spm_haptic_master.teleoperation.vectors import moved_toward, unit_quaternion
 
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 # Period of the command (s).
@@ -40,8 +42,13 @@ def test_single_precision_is_a_rotation_and_what_is_none_is_refused():
         (0.0, 0.0, 0.0, float('inf')),
         (1e200, 0.0, 0.0, 0.0),
         (0.0, 0.0, 0.0, 1.01),
+        # By 0.07 % of its length.
+        (0.0, 0.0, 0.0, 1.0007),
+        (0.0, 0.9993, 0.0, 0.0),
     ):
         assert unit_quaternion(values) is None
+    for length in (0.9996, 1.0004):
+        assert unit_quaternion((0.0, length, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0, 0.0))
 
 
 def random_limits(generator, period):
@@ -182,3 +189,105 @@ def test_a_broken_limit_is_named_and_the_command_stays(vector, dt, broken):
     assert command.rotation == IDENTITY
     assert command.velocity == (0.0, 0.0, 0.0)
     assert command.advance(rotations.quaternion_from_vector(0.0, 0.01, 0.0), DT) == ''
+
+
+def about_z(angle):
+    return rotations.quaternion_from_vector(0.0, 0.0, angle)
+
+
+def test_a_target_that_speeds_up_to_the_limits_is_followed_without_slewing():
+    """By 0.5 rad/s a step, up to 6 rad/s: exactly at both limits, and no more."""
+    command = at_rest(100.0, slews=False)
+    angle = 0.0
+    for step in range(1, 21):
+        angle += DT * min(0.5 * step, 6.0)
+        assert command.advance(about_z(angle), DT) == ''
+        assert command.rotation == about_z(angle)
+    assert command.advance(about_z(angle + DT * 6.01), DT) == 'speed'
+    # It may not stop at once either.
+    assert command.advance(about_z(angle), DT) == 'acceleration'
+
+
+def test_a_jump_counts_from_the_command_whatever_the_time():
+    command = at_rest(500.0, slews=False)
+    assert command.advance(about_z(radians(4.9)), 1.0) == 'speed'
+    assert command.advance(about_z(radians(5.1)), 1.0) == 'jump'
+    # At 6 rad/s for two periods it may be 3.4 deg at most.
+    assert command.advance(about_z(radians(3.4)), 1.0) == ''
+
+
+def test_a_command_goes_on_from_where_it_was_withheld():
+    """A target that was refused is not the one that the next is compared with."""
+    command = at_rest(100.0, slews=False)
+    assert command.advance(about_z(0.002), DT) == ''
+    assert command.advance(about_z(0.05), DT) == 'speed'
+    assert command.advance(about_z(0.006), DT) == ''
+
+
+def test_a_burst_may_last_10_ms_beyond_a_step_and_grows_back_with_time():
+    """By 1.25 ms in a millisecond; a pause counts as one longest step."""
+    burst = BurstLimit(0.01)
+    assert burst.allows(0.01)
+    assert burst.allows(0.01)
+    assert not burst.allows(1e-6)
+    burst = BurstLimit(0.02)
+    assert burst.allows(0.02)
+    assert not burst.allows(0.0101)
+    assert burst.allows(0.0099)
+    assert not burst.allows(0.001)
+    burst.pass_time(0.0041)
+    assert burst.allows(0.005)
+    assert not burst.allows(0.001)
+    burst.pass_time(1000.0)
+    assert burst.allows(3600.0)
+    assert burst.allows(0.0099)
+    assert not burst.allows(0.001)
+
+
+@pytest.mark.parametrize(
+    ('goal', 'step', 'expected'),
+    [
+        ((1.0, 2.0, 2.0), 0.3, (0.1, 0.2, 0.2)),
+        ((1.0, 2.0, 2.0), 3.0, (1.0, 2.0, 2.0)),
+        ((1.0, 2.0, 2.0), 9.0, (1.0, 2.0, 2.0)),
+        ((0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0)),
+    ],
+)
+def test_a_vector_moves_towards_its_goal_by_a_step(goal, step, expected):
+    assert moved_toward((0.0, 0.0, 0.0), goal, step) == pytest.approx(expected)
+    behind = moved_toward((5.0, -1.0, 2.0), (5.0 + goal[0], goal[1] - 1.0, 2.0 + goal[2]), step)
+    assert behind == pytest.approx((5.0 + expected[0], expected[1] - 1.0, 2.0 + expected[2]))
+
+
+AXIS = (0.0, 0.0, 1.0)
+UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize('angle', [0.0, 0.3, 1.2, 1.9, 3.1])
+def test_the_tilt_is_the_angle_between_shaft_and_axis(angle):
+    """Whatever the turn about the shaft; and it is turned back by what is too much."""
+    cone = TiltCone(AXIS, AXIS, 1.0)
+    spun = about_z(0.7)
+    tilted = rotations.quaternion_from_vector(0.6 * angle, 0.8 * angle, 0.0)
+    rotation = rotations.multiply_quaternions(tilted, spun)
+    assert cone.tilt(rotation) == pytest.approx(angle, abs=1e-7)
+    assert cone.contains(rotation) == (angle < 1.0)
+    kept = cone.within(rotation, 1.0)
+    assert cone.tilt(kept) == pytest.approx(min(angle, 1.0), abs=1e-7)
+    moved = rotations.rotation_distance(rotation, kept)
+    assert moved == pytest.approx(max(0.0, angle - 1.0), abs=1e-7)
+
+
+def test_a_shaft_upside_down_has_no_way_back_of_its_own():
+    cone = TiltCone(AXIS, AXIS, 1.0)
+    assert cone.tilt(UPSIDE_DOWN) == pytest.approx(np.pi)
+    assert cone.within(UPSIDE_DOWN, 1.0) == UPSIDE_DOWN
+
+
+def test_rounding_of_a_cosine_beyond_1_is_no_tilt():
+    draw = random.Random(3)
+    for _ in range(200):
+        shaft = rotations.quaternion_from_vector(*[draw.gauss(0.0, 1.0) for _ in range(3)])
+        vector = np.array(shaft[:3]) / np.linalg.norm(shaft[:3])
+        axis = tuple(vector.tolist())
+        assert TiltCone(axis, axis, 1.0).tilt(IDENTITY) == pytest.approx(0.0, abs=1e-7)

@@ -39,7 +39,8 @@ def test_each_condition_is_named_that_is_missing():
         (lambda: machine.take_enabling(7, 0.0), 'no protection level'),
         (lambda: setattr(rig, 'level', 1.5), 'protection level above the limit'),
         (lambda: setattr(rig, 'level', nan), 'protection level above the limit'),
-        (lambda: setattr(rig, 'level', 0.5), 'no presence'),
+        # The limit itself is within it.
+        (lambda: setattr(rig, 'level', 1.0), 'no presence'),
         (lambda: machine.take_presence(True) or machine.take_clutch(True), 'clutch pressed'),
         (lambda: machine.take_clutch(False), 'waiting for enable'),
         (machine.enable, 'waiting for the slave to be at rest'),
@@ -65,7 +66,7 @@ def test_each_condition_is_named_that_is_missing():
         ([(123, 0.0), (123, 0.0)], False),
         ([(123, 0.0), (124, 0.0)], True),
         # The link was lost, or this process stood still: the surgeon has forgotten it.
-        ([(1, 0.0), (2, 9.0)], True),
+        ([(1, 0.0), (2, 10.0)], True),
         ([(1, 0.0), (2, 11.0)], False),
         ([(1, 0.0), (2, 3600.0)], False),
         ([(1, 0.0), (2, -3600.0)], False),
@@ -155,15 +156,24 @@ def lose_enabling(rig):
 NOT_A_ROTATION = (0.0, nan, 0.0, 1.0)
 
 
+def unlike_a_rotation_for_a_moment(rig):
+    rig.machine.take_master(rig.stamp + 1, NOT_A_ROTATION)
+    rig.machine.take_master(rig.stamp + 2, quaternion(rig.master))
+
+
 # What disengages, by the cause that is named.
 LOSSES = {
     'no presence': passing('take_presence', False, True),
     'no orientation': lambda rig: rig.pause('master', 60),
     'no orientation (norm)': lambda rig: rig.machine.take_master(rig.stamp + 1, NOT_A_ROTATION),
+    'no orientation (norm, for a moment)': unlike_a_rotation_for_a_moment,
     'no orientation (stopped)': stop,
     'no orientation (stamp)': set_the_clock,
     'no pose of the slave': lambda rig: rig.pause('slave', 110),
     'no pose of the slave (norm)': lambda rig: rig.machine.take_slave(Pose(NOT_A_ROTATION)),
+    'no pose of the slave (invalid, for a moment)': passing(
+        'take_slave', None, Pose(quaternion(SLAVE))
+    ),
     # As dVRK says that its arm is not ready.
     'no pose of the slave (invalid)': lambda rig: rig.machine.take_slave(None),
     'slave DISABLED': passing('take_slave_obstacle', 'slave DISABLED', ''),
@@ -252,6 +262,30 @@ def test_an_orientation_that_is_not_newer_is_ignored():
         assert rig.machine.take_master(rig.stamp - late * MS, other) is None
     ((_, after),) = rig.run(1)
     np.testing.assert_allclose(after, rig.slave, atol=1e-12)
+
+
+@pytest.mark.parametrize(('late', 'state'), [(0, 'engaged'), (1, 'disengaged')])
+def test_stamps_may_be_50_ms_apart(late, state):
+    """By the stamps alone: as if no clock had run meanwhile."""
+    rig = Rig().engage()
+    rig.machine.take_master(rig.stamp + 50 * MS + late, quaternion(rig.master))
+    assert rig.state.partition(':')[0] == state
+
+
+def test_a_clock_that_was_set_back_before_engaging_does_not_matter():
+    rig = Rig().ready()
+    rig.stamp -= 3_600_000 * MS
+    assert rig.engage().run(20)
+
+
+def test_an_aligned_slave_meets_a_jump_of_the_master_at_the_limits_of_the_command():
+    """The speed of aligning is for the offset of engaging alone."""
+    rig = Rig(alignment='absolute', align_speed=0.1)
+    rig.slave = rig.master
+    rig.engage()
+    rig.master = turn([0.0, radians(20.0), 0.0]) @ rig.master
+    last = rig.run(200)[-1][1]
+    np.testing.assert_allclose(last, rig.master, atol=1e-9)
 
 
 def test_a_slave_that_does_not_follow_disengages():

@@ -31,3 +31,11 @@ def test_the_jaw_starts_where_it_is_and_meets_the_gripper(gripper, jaw):
 def test_the_jaw_moves_with_the_gripper_meanwhile():
     following = FollowingJaw(0.5, 0.0, 0.2, 0)
     assert following.advance(0.1, 100 * MS) == pytest.approx(0.1 + 0.2 - 0.05)
+
+
+def test_a_stamp_that_is_not_newer_shrinks_nothing_and_its_time_counts_once():
+    following = FollowingJaw(0.5, 0.0, 0.2, 0)
+    assert following.advance(0.0, 100 * MS) == pytest.approx(0.15)
+    assert following.advance(0.0, 40 * MS) == pytest.approx(0.15)
+    assert following.advance(0.0, 100 * MS) == pytest.approx(0.15)
+    assert following.advance(0.0, 120 * MS) == pytest.approx(0.14)

@@ -273,6 +273,34 @@ def test_the_tilt_counts_from_engaging_and_not_from_the_clutch():
     assert tilt == pytest.approx(20.0, abs=1e-6)
 
 
+@pytest.mark.parametrize(('moved', 'engages'), [(0.0009, True), (0.0011, False)])
+def test_a_tip_that_has_moved_by_a_millimetre_is_not_at_rest(moved, engages):
+    rig = pivoting(command_rate=0.0).ready()
+    rig.machine.take_presence(True)
+    place(rig, 0.1 + moved)
+    rig.machine.enable()
+    assert bool(rig.run(1)) is engages
+
+
+def test_a_depth_that_does_not_follow_needs_no_insertion():
+    rig = pivoting(insertion_scale=0.0)
+    rig.insertion = None
+    rig.engage()
+    assert rig.run(50, (0.3, 0.0, 0.0))
+    assert depth_of(rig.tips[-1]) == pytest.approx(0.1)
+
+
+def test_an_engaging_anew_takes_the_shaft_anew():
+    """It is the clutch alone that keeps it."""
+    rig = pivoting().engage()
+    rig.machine.disengage()
+    rig.tip = tuple(np.array(rig.tip) + 0.008 * rig.slave @ [0.0, 1.0, 0.0])
+    rig.run(100)
+    assert rig.machine.enable() == ''
+    assert rig.run(20)
+    np.testing.assert_allclose(rig.last.pose.position, rig.tip, atol=1e-12)
+
+
 def test_a_slave_that_slides_is_not_at_rest():
     rig = pivoting().ready()
     rig.machine.take_presence(True)

@@ -3,6 +3,7 @@
 
 """The law of a slave that pivots about a trocar, compared with its formulas in numpy."""
 
+from dataclasses import replace
 from math import inf, radians
 import random
 
@@ -308,8 +309,10 @@ def obstacle(pose, known=None, **settings):
     ('tip', 'found'),
     [
         ((0.0, 0.0, 0.003), 'tip at the trocar: 3 mm, expected 5 mm or more'),
-        ((0.0, 0.0, 0.012), 'depth 12 mm, expected 20 to 300 mm'),
-        ((0.0, 0.0, 0.32), 'depth 320 mm, expected 20 to 300 mm'),
+        ((0.0, 0.0, 0.0145), 'depth 14 mm, expected 20 to 300 mm'),
+        ((0.0, 0.0, 0.0155), ''),
+        ((0.0, 0.0, 0.3045), ''),
+        ((0.0, 0.0, 0.306), 'depth 306 mm, expected 20 to 300 mm'),
         # A slave that waits at the end of its range, as it was led there.
         ((0.0, 0.0, 0.302), ''),
         ((0.008, 0.0, 0.1), 'shaft 8 mm off the trocar, expected 5 mm or less'),
@@ -318,6 +321,13 @@ def obstacle(pose, known=None, **settings):
 )
 def test_a_slave_that_cannot_pivot_from_where_it_is_is_refused_with_the_distance(tip, found):
     assert obstacle(pose_of(tip), shaft=(0.0, 0.0, 1.0)) == found
+
+
+def test_a_tip_5_mm_below_the_trocar_has_a_shaft():
+    shallow = replace(DEEP, shortest=0.005)
+    assert obstacle(pose_of((0.0, 0.0, 0.0051)), depth=shallow) == ''
+    refused = obstacle(pose_of((0.0, 0.0, 0.0049)), depth=shallow)
+    assert refused == 'tip at the trocar: 5 mm, expected 5 mm or more'
 
 
 def test_after_the_clutch_the_shaft_has_to_be_where_it_was():
@@ -352,3 +362,38 @@ def test_without_insertion_the_depth_stays():
     for _ in range(20):
         course.advance((0.01, 0.0, 0.0), float('nan'))
     assert course.depth == pytest.approx(course.first_depth, abs=1e-12)
+
+
+STRICT = replace(DEEP, slews=False)
+
+
+def test_a_depth_that_speeds_up_to_its_limits_is_followed_without_slewing():
+    """By 0.05 m/s a step, up to 0.2 m/s: exactly at both limits, and no more."""
+    depth = LimitedDepth(STRICT, 0.1)
+    target = 0.1
+    for step in range(1, 11):
+        target += DT * min(0.05 * step, 0.2)
+        assert depth.advance(target, DT) == ''
+        assert depth.depth == pytest.approx(target, abs=1e-12)
+    assert depth.rate == pytest.approx(0.2)
+    assert depth.advance(target + DT * 0.201, DT) == 'insertion speed'
+    # It may not stop at once either.
+    assert depth.advance(target, DT) == 'insertion acceleration'
+    assert depth.advance(target + DT * 0.15, DT) == ''
+
+
+def test_after_a_pause_the_depth_moves_no_farther_than_in_two_periods():
+    depth = LimitedDepth(replace(DEEP, acceleration=1000.0), 0.1)
+    assert depth.advance(0.2, 1.0) == ''
+    assert depth.depth == pytest.approx(0.1 + 2.0 * DT * 0.2)
+
+
+def test_a_depth_goes_up_as_it_goes_down():
+    """From 0.1 m to both sides by 5 mm: the same way, mirrored."""
+    down = LimitedDepth(DEEP, 0.1)
+    up = LimitedDepth(DEEP, 0.1)
+    for _ in range(60):
+        down.advance(0.105, DT)
+        up.advance(0.095, DT)
+        assert down.depth - 0.1 == pytest.approx(0.1 - up.depth, abs=1e-12)
+    assert down.depth == pytest.approx(0.105, abs=1e-12)
