@@ -92,7 +92,7 @@ class JointReadings:
         if self._reversals < REVERSALS:
             self._reversals += change * self._last_change < 0.0
             self._last_change = change
-        if -self.resolution < change < self.resolution:
+        if abs(change) < self.resolution:
             self.resolution = abs(change)
             self.allow(self.allowed)
         return change

@@ -148,11 +148,8 @@ class ParityWindow:
         mean_x, mean_y, mean_z = self.mean
         self._follow_variance(x - mean_x, y - mean_y, z - mean_z)
         square = mean_x * mean_x + mean_y * mean_y + mean_z * mean_z
-        limit = self.limit(noise, bias, count)
-        if square <= limit * limit:
-            return None
         # The nominal biases of a moving device may do less to this sample than to the others.
-        limit += max(self.mean_bias - bias, 0.0)
+        limit = self.limit(noise, max(bias, self.mean_bias), count)
         if square <= limit * limit:
             return None
         detail = f'mean parity of {count} samples {sqrt(square):.2f} sigma, limit {limit:.2f}'

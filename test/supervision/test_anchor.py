@@ -5,6 +5,7 @@
 
 from math import cos, degrees, radians, sin
 
+import numpy as np
 import pytest
 from spm_haptic_master.supervision.anchor import Anchor
 from spm_haptic_master.supervision.sample import Sample
@@ -86,3 +87,32 @@ def test_no_orientation_continues_one_where_two_solutions_may_meet():
         anchor, now = after(*swept(20.0, 26.0))
         anchor.follow(now + MS, turned(27.0), deviation)
         assert (anchor.prior(now + 2 * MS) is not None) == leads
+
+
+def test_each_of_two_signs_is_taken_that_is_nearer_to_the_last_quaternion():
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        pair = rng.normal(size=(2, 4))
+        last, found = pair / np.linalg.norm(pair, axis=1, keepdims=True)
+        anchor = Anchor(SPEED, SIGMA, BIAS)
+        assert anchor.follow(0, tuple(last), DEVIATION).quaternion == tuple(last)
+        place = anchor.follow(MS, tuple(found), DEVIATION)
+        expected = found if last @ found > 0.0 else -found
+        assert place.quaternion == pytest.approx(tuple(expected))
+        assert place.stamp == MS
+
+
+def test_a_restart_selects_the_next_orientation_as_the_first_one():
+    anchor, now = after(*swept(20.0, 26.0))
+    assert anchor.prior(now + MS) == anchor.place
+    anchor.restart()
+    assert anchor.place is None
+    assert anchor.prior(now + MS) is None
+    assert discontinuity(anchor, now + MS, turned(90.0)) is None
+
+
+def test_an_orientation_selects_among_solutions_for_a_tenth_of_a_second():
+    anchor, now = after(30.0)
+    assert anchor.prior(now + 100 * MS) is anchor.place
+    assert anchor.prior(now + 100 * MS + 1) is None
+    assert Anchor(SPEED, SIGMA, BIAS).prior(now) is None

@@ -166,3 +166,112 @@ def test_neither_a_constant_parity_nor_one_outlier_is_noise():
     before = parities.variance
     check(parities, [[80.0]], first=3000 * MS)
     assert parities.variance < 1.1 * before
+
+
+def test_five_samples_at_least_are_tested_together():
+    """The fifth is the first; a small window counts as ten samples meanwhile."""
+    parities = window()
+    assert parities.root == pytest.approx(sqrt(10.0))
+    far = [[6.0]] * 10
+    shown = check(parities, far, bias=0.0)
+    assert [each is not None for each in shown] == [False] * 4 + [True] * 6
+    assert shown[4].detail == 'mean parity of 5 samples 6.00 sigma, limit 3.13'
+    assert parities.root == pytest.approx(sqrt(10.0))
+    check(parities, np.zeros((10, 1)), first=10 * MS)
+    assert parities.root == pytest.approx(sqrt(20.0))
+    parities.restart()
+    assert parities.root == pytest.approx(sqrt(10.0))
+    assert parities.mean_bias == 0.0
+
+
+def test_a_window_is_as_long_as_its_time_and_has_ten_samples_at_least():
+    parities = window(time=0.02)
+    # Twenty samples before it are 20 ms old; an older one leaves it.
+    check(parities, np.full((21, 1), 0.5))
+    assert parities.root == pytest.approx(sqrt(21.0))
+    check(parities, [[0.5]], first=21 * MS)
+    assert parities.root == pytest.approx(sqrt(21.0))
+    check(parities, [[0.5]], first=900 * MS)
+    assert parities.root == pytest.approx(sqrt(10.0))
+
+
+@ENTRIES
+def test_the_mean_bias_is_that_of_the_samples_of_the_window(entries):
+    """Where the device slows down the biases of its samples were larger before."""
+    parities = window(entries)
+    assert parities.mean_bias == 0.0
+    zeros = np.zeros((30, entries))
+    check(parities, zeros, bias=3.0)
+    assert parities.mean_bias == pytest.approx(3.0)
+    check(parities, zeros[:7], bias=0.0, first=30 * MS)
+    assert parities.mean_bias == pytest.approx(3.0 * 14.0 / 21.0)
+    check(parities, zeros[:14], bias=0.0, first=37 * MS)
+    assert parities.mean_bias == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(('factor', 'drifted'), [(0.99, False), (1.01, True)])
+def test_a_mean_may_be_as_large_as_the_biases_of_its_samples_allow(factor, drifted):
+    """Those of the latest sample may do less."""
+    parities = window(threshold=7.0)
+    before = 2.0
+    limit = before * 20.0 / 21.0 + 7.0 / sqrt(21.0)
+    check(parities, np.full((20, 1), factor * limit), bias=before)
+    (shown,) = check(parities, [[factor * limit]], bias=0.0, first=20 * MS)
+    assert (shown is not None) == drifted
+    # The biases of the latest sample count where they do more.
+    limit = before + 7.0 / sqrt(21.0)
+    parities = window(threshold=7.0)
+    check(parities, np.full((20, 1), factor * limit), bias=before)
+    (shown,) = check(parities, [[factor * limit]], bias=before, first=20 * MS)
+    assert (shown is not None) == drifted
+
+
+@pytest.mark.parametrize('entries', [1, 3])
+@pytest.mark.parametrize('large', [3e16, -3e16])
+def test_what_rounding_takes_from_the_sums_is_back_after_a_thousand_samples(entries, large):
+    """Very large parities, which are not tested here, leave nothing behind."""
+    parities = window(entries, threshold=1e18)
+    ones = np.ones((999, entries))
+    check(parities, [[large] * entries], bias=abs(large))
+    check(parities, ones[:998], bias=1.0, first=MS)
+    expected = (1.0, 1.0, 1.0)[:entries] + (0.0,) * (3 - entries)
+    assert parities.mean != pytest.approx(expected, rel=1e-3)
+    assert parities.mean_bias != pytest.approx(1.0, rel=1e-3)
+    check(parities, ones[:1], bias=1.0, first=999 * MS)
+    assert parities.mean == pytest.approx(expected)
+    assert parities.mean_bias == pytest.approx(1.0)
+    # And again after the next thousand.
+    check(parities, [[large] * entries], bias=abs(large), first=1000 * MS)
+    check(parities, ones[:998], bias=1.0, first=1001 * MS)
+    assert parities.mean != pytest.approx(expected, rel=1e-3)
+    check(parities, ones[:1], bias=1.0, first=1999 * MS)
+    assert parities.mean == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ('before', 'factor', 'square', 'averaged'),
+    [
+        # The expected variance counts for 64 samples at the start, then up to 256 count.
+        (0, 2.0, 4.0, 65),
+        (0, 0.0, 0.0, 65),
+        (10, 2.0, 4.0, 75),
+        (191, 2.0, 4.0, 256),
+        (300, 2.0, 4.0, 256),
+        # An outlier counts for 16 times the variance at most.
+        (0, 3.9, 15.21, 65),
+        (0, 4.1, 16.0, 65),
+        (0, 50.0, 16.0, 65),
+    ],
+)
+@ENTRIES
+def test_the_variance_averages_the_squares_about_the_mean(
+    before, factor, square, averaged, entries
+):
+    parities = window(entries, threshold=1e9)
+    assert parities.variance == 1.0
+    check(parities, np.zeros((4, entries)), step=0)
+    # Those before deviate by 1 from the mean of the window with them.
+    for samples, size in enumerate([1.0] * before + [factor], 4):
+        off = parities.mean[0] + size * (samples + 1) / samples
+        check(parities, [[off] * entries])
+    assert parities.variance == pytest.approx(1.0 + (square - 1.0) / averaged)

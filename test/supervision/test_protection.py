@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 from rig import few, product_limits
 from spm_haptic_master import kinematics
-from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
+from spm_haptic_master.supervision.protection import (
+    integrity,
+    MISSED_DETECTION,
+    protection_level,
+)
 
 # Threshold of the mean of 20 samples at one false alarm in 10,000 hours, with missed detection.
 REACH = (6.9 + 5.3) / sqrt(20.0)
@@ -178,3 +182,20 @@ def test_no_undetected_fault_is_beyond_the_level_whatever_the_signs_of_the_biase
         pose = random_pose(rng)
         found.append(largest_error_over_level(sensors, bias, sigma, limit, pose))
     assert 0.1 < max(found) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ('parts', 'healthy', 'level'),
+    [
+        ([0.1, 0.2, 0.15], 0.05, 0.2),
+        ([0.2, 0.1, 0.15], 0.05, 0.2),
+        # One beyond the alert limit is not in it: its sensor is not checked.
+        ([0.1, 0.31, np.inf], 0.05, 0.1),
+        ([0.1, 0.3, 0.31], 0.05, 0.3),
+        ([np.inf] * 4, 0.05, 0.05),
+        ([0.1, 0.2], 0.25, 0.25),
+        ([0.1, 0.2], 0.4, 0.4),
+    ],
+)
+def test_the_level_is_the_largest_part_within_the_alert_limit(parts, healthy, level):
+    assert protection_level(parts, 0.3, healthy) == level
