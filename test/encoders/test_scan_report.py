@@ -492,3 +492,214 @@ START = '; can_scan --start starts the nodes, and SYNC where no master makes it'
 )
 def test_too_few_or_many_encoders_have_no_lines(name, words):
     assert rig_lines.rig_lines(SCANS[name], DEFAULT, ON_BUS) == [f'# none: {words}']
+
+
+def of_each(cycles, answered):
+    """Scan cycles of SYNC, `answered` of which each encoder answers; 10 ms apart."""
+    scan = BusScan(0x80)
+    for number in range(cycles):
+        scan.feed(heard(0x80, when=0.01 * number))
+        for layout in LAYOUTS if number < answered else ():
+            scan.feed(heard(layout.can_id, bytes(4), 0.01 * number + 0.001))
+    for number in range(answered - cycles):
+        for layout in LAYOUTS:
+            scan.feed(heard(layout.can_id, bytes(4), 0.01 * cycles - 0.005 + 0.001 * number))
+    return scan
+
+
+HUNDRED = replace(DEFAULT, rate=100.0)
+
+
+@pytest.mark.parametrize(
+    ('cycles', 'answered', 'words'),
+    [
+        # One answer may be under way, or come from before the scan.
+        (100, 99, None),
+        (100, 101, None),
+        (100, 102, 'comes 102 times in 100 cycles of SYNC; expected one answer to each'),
+        (100, 98, 'answers 98 of 100 SYNC'),
+        # And half a per cent of them may be lost.
+        (600, 597, None),
+        (600, 596, 'answers 596 of 600 SYNC'),
+        # An encoder that ended before the last tenth of the scan.
+        (100, 92, 'answers 92 of 100 SYNC'),
+        (100, 85, 'answers 85 of 100 SYNC, the last one 0.15 s before the end'),
+        (100, 2, 'answers 2 of 100 SYNC, the last one 0.98 s before the end'),
+        (100, 1, 'answers 1 of 100 SYNC'),
+    ],
+)
+def test_answers_to_sync_are_counted(cycles, answered, words):
+    expected = of_all(words) if words else []
+    assert problems(of_each(cycles, answered), HUNDRED) == expected
+
+
+def test_the_answers_of_an_encoder_are_counted_from_its_first_one():
+    scan = of_each(100, 0)
+    for number in range(100, 150):
+        scan.feed(heard(0x80, when=0.01 * number))
+        for layout in LAYOUTS:
+            scan.feed(heard(layout.can_id, bytes(4), 0.01 * number + 0.001))
+    assert problems(scan, HUNDRED) == []
+
+
+@pytest.mark.parametrize(
+    ('beats', 'end', 'timeout', 'words'),
+    [
+        # Three periods after the latest one a node has ended.
+        ((0.1, 0.2), 0.49, None, None),
+        (
+            (0.1, 0.2),
+            0.51,
+            None,
+            'its last heartbeat came 0.31 s before the end, after one each 0.10 s',
+        ),
+        # The period is that of the latest two.
+        ((0.0, 0.5, 0.6), 0.89, None, None),
+        ((0.2,), 9.0, None, None),
+        ((), 9.0, 0.1, None),
+        # The driver waits for as long as it is configured.
+        ((0.1, 0.25), 0.3, 0.16, None),
+        (
+            (0.1, 0.25),
+            0.3,
+            0.14,
+            'its heartbeats come 0.15 s apart, can.heartbeat_timeout is 0.14 s: '
+            'set 0x1017 (can_setup)',
+        ),
+    ],
+)
+def test_heartbeats_that_end_or_come_too_seldom_are_named(beats, end, timeout, words):
+    scan = BusScan(0x80)
+    for at in beats:
+        scan.feed(heard(0x702, b'\x05', at))
+    scan.feed(heard(0x182, bytes(4), end))
+    expected = replace(DEFAULT, heartbeat_timeout=timeout)
+    found = [line for line in problems(scan, expected) if 'heartbeat' in line]
+    assert found == ([f'joint_1b: {words}'] if words else [])
+
+
+@pytest.mark.parametrize(
+    ('objects', 'words'),
+    [
+        ({canopen.ERROR_REGISTER: 0, canopen.UNITS_PER_TURN: 65536}, []),
+        ({canopen.ERROR_REGISTER: 0x11}, ['error register 0x11 (generic, communication)']),
+        (
+            {canopen.UNITS_PER_TURN: 16384},
+            ['it has 16384 counts per turn, encoders.counts_per_turn is 65536'],
+        ),
+    ],
+)
+def test_the_objects_of_an_encoder_are_compared(objects, words):
+    scan = good(*(canopen.sdo_answer(2, *key, value) for key, value in objects.items()))
+    layouts = tuple(replace(layout, counts_per_turn=65536) for layout in LAYOUTS)
+    found = problems(scan, replace(DEFAULT, layouts=layouts))
+    assert found == [f'joint_1b: {each}' for each in words]
+
+
+@pytest.mark.parametrize(
+    ('rate', 'expected', 'lower'),
+    [
+        (951.0, 1000.0, None),
+        (949.0, 1000.0, '. Give a lower rate: -p rate:=500.0'),
+        (500.0, 1000.0, '. Give a lower rate: -p rate:=250.0'),
+        (125.0, 1000.0, '. Give a lower rate: -p rate:=100.0'),
+        (15.0, 20.0, '. Give a lower rate: -p rate:=10.0'),
+        (9.0, 20.0, ''),
+    ],
+)
+def test_a_machine_that_is_too_busy_gets_the_next_lower_rate(rate, expected, lower):
+    scan = BusScan(0x80)
+    scan.sent_sync(T0)
+    assert scan_report.busy(scan, expected) is None
+    scan.sent_sync(T0 + 1.0 / rate)
+    words = scan_report.busy(scan, expected)
+    if lower is None:
+        assert words is None
+    else:
+        assert words.endswith(f"the encoders' rates are not compared{lower}")
+
+
+def without_sync(*phases):
+    """Scan encoders that send by themselves at phases (us) of a period of 1 ms."""
+    scan = BusScan(None)
+    for number in range(100):
+        for layout, phase in zip(LAYOUTS, phases, strict=False):
+            at = 1e-3 * number + 1e-6 * phase
+            scan.feed(heard(layout.can_id, bytes(4), at))
+    return scan
+
+
+@pytest.mark.parametrize(
+    ('phases', 'after_the_first', 'complete'),
+    [
+        ((0, 100, 200, 300), (0, 100, 200, 300), True),
+        # In another order, and over the end of a period: the third is the first.
+        ((700, 100, 600, 900), (100, 500, 0, 300), True),
+        ((0, 0, 0, 490), (0, 0, 0, 490), True),
+        ((0, 250, 510, 0), (0, 250, 510, 0), False),
+    ],
+)
+def test_phases_of_encoders_without_sync_are_from_the_first_one(
+    phases, after_the_first, complete
+):
+    scan = without_sync(*phases)
+    found = scan_report.phases(scan, DEFAULT)
+    assert tuple(found.values()) == pytest.approx(after_the_first, abs=1)
+    remark = scan_report.remark_on_phases(scan, DEFAULT)
+    assert (remark is not None) is complete
+    wrong = [line for line in problems(scan, DEFAULT) if 'no set is complete' in line]
+    assert len(wrong) == (0 if complete else 1)
+
+
+def test_phases_are_reported_in_ms_where_there_is_no_sync():
+    scan = without_sync(0, 100, 200, 300)
+    assert scan_report.remark_on_phases(scan, DEFAULT).startswith(
+        'without SYNC the frames come at phases of joint_1a 0.0, joint_1b 0.1, joint_1c 0.2, '
+        'joint_3a 0.3 ms in 1 ms at present. Encoders without SYNC have phases that change'
+    )
+    assert scan_report.remark_on_phases(BusScan(None), DEFAULT) is None
+    assert scan_report.remark_on_phases(good(), DEFAULT) is None
+
+
+SHARED = (
+    'devices have node id {}: give each its own, one at a time on the bus (switches, LSS or '
+    'a tool of the maker)'
+)
+
+
+def test_devices_with_one_node_id_are_named_instead_of_their_frames():
+    scan = good(without=(0x182,))
+    for serial in (7, 8):
+        scan.asked(2, canopen.SERIAL_NUMBER)
+        scan.feed(canopen.sdo_answer(2, *canopen.SERIAL_NUMBER, serial))
+    assert problems(scan, DEFAULT) == [f'two {SHARED.format(2)}']
+
+
+@pytest.mark.parametrize(
+    ('nodes', 'started', 'words'),
+    [
+        (
+            (2, 1),
+            (),
+            'no frames, but answers to SDO of node 1, 2: they do not send yet. Start them '
+            '(can_scan --start), and set them up (can_setup --write)',
+        ),
+        (
+            (2,),
+            (2,),
+            'no frames, but answers to SDO of node 2: started, they send nothing. Set them up '
+            '(can_setup --write)',
+        ),
+        ((2, 2), (), f'two {SHARED.format(2)}'),
+    ],
+)
+def test_nodes_that_only_answer_requests_are_not_started_or_set_up(nodes, started, words):
+    answers = [canopen.sdo_answer(node, *canopen.DEVICE_TYPE, 0x00010196) for node in nodes]
+    scan = scanned(answers, started=started)
+    assert problems(scan, DEFAULT)[0] == words
+    assert not any('no frames at all' in line for line in problems(scan, DEFAULT))
+
+
+def test_a_node_with_an_emergency_explains_its_missing_frames():
+    scan = good(canopen.emcy(2, 0x5000, 1), heard(0x382, bytes(8)), without=(0x182,))
+    assert problems(scan, DEFAULT)[0] == f'joint_1b: 0x182 missing; its node 2 reports {DEVICE}'
