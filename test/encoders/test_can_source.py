@@ -303,6 +303,27 @@ def test_a_producer_hears_syncs_and_opens_cycles_before_other_frames(producing):
     ]
 
 
+@pytest.mark.parametrize(('left_out', 'attempts'), [(True, 1), (False, 3)])
+def test_no_sync_is_left_out_any_more_where_a_node_minded_one(producing, left_out, attempts):
+    driver, producer = producing(
+        [
+            node_frame(0.01, 0x702, bytes((canopen.OPERATIONAL,))),
+            node_frame(0.02, 0x702, bytes((canopen.PRE_OPERATIONAL,))),
+        ]
+    )
+    producer.skip.return_value = left_out
+    run(driver, 2.05)
+    # At once, and each second.
+    assert producer.skip.call_count == attempts
+
+
+def test_a_sync_is_left_out_on_a_bus_without_nodes_too(producing):
+    driver, producer = producing((), can__protocol='raw')
+    producer.skip.return_value = True
+    run(driver, 0.05)
+    assert producer.skip.call_count == 1
+
+
 def test_a_missing_sync_of_our_own_is_explained(producing):
     driver, producer = producing([node_frame(0.002 * n, 0x701, b'\x05') for n in range(1, 800)])
     run(driver, 0.1)

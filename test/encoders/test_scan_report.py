@@ -639,9 +639,7 @@ def without_sync(*phases):
         ((0, 250, 510, 0), (0, 250, 510, 0), False),
     ],
 )
-def test_phases_of_encoders_without_sync_are_from_the_first_one(
-    phases, after_the_first, complete
-):
+def test_phases_of_encoders_without_sync_are_from_the_first_one(phases, after_the_first, complete):
     scan = without_sync(*phases)
     found = scan_report.phases(scan, DEFAULT)
     assert tuple(found.values()) == pytest.approx(after_the_first, abs=1)
