@@ -81,20 +81,21 @@ class Step(IntEnum):
     CERTAIN = 2  # it moved faster than a human, or three readings do not contradict that
 
 
-class LeftMotion(NamedTuple):
-    """The motion that a joint left."""
-
-    angle: float  # rad, of the latest reading on it
-    velocity: float  # rad/s
-    elapsed: float  # s since that reading
-
-
 class Departure(NamedTuple):
     """The first reading off a motion."""
 
     reading: float  # rad
     elapsed: float  # s since the latest reading on the motion
     step: float  # change of the reading, rad
+
+
+class LeftMotion(NamedTuple):
+    """The motion that a joint left."""
+
+    angle: float  # rad, of the latest reading on it
+    velocity: float  # rad/s
+    elapsed: float  # s since that reading
+    departure: Departure
 
 
 class JointMonitor:
@@ -161,7 +162,6 @@ class JointMonitor:
         self.distance = 0.0
         self._last_innovation = nan
         self._left: LeftMotion | None = None
-        self._departure = Departure(reading=0.0, elapsed=0.0, step=0.0)
         self.step = Step.NONE
 
     def allow(self, sigma: float) -> None:
@@ -317,8 +317,12 @@ class JointMonitor:
 
     def _depart(self, reading: float, change: float, elapsed: float) -> None:
         """Remember the motion that the joint leaves, and the change (rad) by which it does so."""
-        self._left = LeftMotion(angle=self._angle, velocity=self.velocity, elapsed=elapsed)
-        self._departure = Departure(reading=reading, elapsed=elapsed, step=change)
+        self._left = LeftMotion(
+            angle=self._angle,
+            velocity=self.velocity,
+            elapsed=elapsed,
+            departure=Departure(reading=reading, elapsed=elapsed, step=change),
+        )
         self.away = 1
         self.departures += 1
         is_certain = abs(change) > self._speed * elapsed + self._noise_limit
@@ -345,7 +349,7 @@ class JointMonitor:
             return True
         self.away += 1
         if self.away <= AWAY_SAMPLES:
-            self._check_step(reading, left.velocity, elapsed)
+            self._check_step(reading, left, elapsed)
         elif self.away > STEP_SAMPLES:
             self.step = Step.NONE
         # A pause may hide whether it was a step: that is decided with this reading.
@@ -365,11 +369,11 @@ class JointMonitor:
         self.step = Step.NONE
         self.returned = self.departures
 
-    def _check_step(self, reading: float, velocity: float, elapsed: float) -> None:
+    def _check_step(self, reading: float, left: LeftMotion, elapsed: float) -> None:
         """Compare the motion after a step with that before it: an impact continues."""
-        first = self._departure
+        first = left.departure
         elapsed -= first.elapsed
-        change = remainder(reading - first.reading - velocity * elapsed, TURN)
+        change = remainder(reading - first.reading - left.velocity * elapsed, TURN)
         noise = self._threshold * ROOT_TWO * self.readings.allowed
         human = 0.5 * self._acceleration * elapsed * elapsed
         if change * first.step > 0.0 and abs(change) > noise + human:

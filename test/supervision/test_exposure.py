@@ -7,7 +7,7 @@ from math import inf
 
 import pytest
 from rig import product_limits
-from spm_haptic_master.supervision.exposure import Exposure
+from spm_haptic_master.supervision.exposure import CheckTimes, Exposure
 from spm_haptic_master.supervision.symptom import Reason, Severity
 
 MS = 1_000_000
@@ -49,6 +49,14 @@ def test_a_sensor_is_checked_once_its_part_was_within_the_limit_for_a_window(
     noted(exposure, [checked])
     assert exposure.times(at(checked)) == (0.0,) * 4
     assert exposure.times(at(checked + 250)) == pytest.approx((0.25,) * 4)
+
+
+def test_the_times_of_checks_begin_with_their_first_sample():
+    checks = CheckTimes(4, 0)
+    assert [checks.note_parts(at(time), WITHIN, LIMIT) for time in range(10)] == [()] * 10
+    assert checks.latest == [at(9)] * 4
+    assert checks.is_after(0, at(8))
+    assert not checks.is_after(0, at(9))
 
 
 @pytest.mark.parametrize('part', [0.02, 0.0201])

@@ -410,6 +410,17 @@ def test_behind_a_gap_a_joint_that_left_is_followed_with_the_next_reading():
     assert monitor.velocity == pytest.approx(1.0)
 
 
+def test_a_motion_that_begins_anew_behind_a_gap_is_at_rest_until_its_second_reading():
+    monitor, angle = moving(15.0)
+    angle += 15.0 * 6.0 * DT
+    read(monitor, angle, dt=6.0 * DT)
+    read(monitor, angle + 0.3, angle + 0.3)
+    assert monitor.away == 2
+    read(monitor, angle)
+    assert monitor.returned == 1
+    assert monitor.velocity == 0.0
+
+
 # What returns to it ---------------------------------------------------------------------------
 
 

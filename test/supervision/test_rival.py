@@ -30,6 +30,7 @@ def turned(angle):
         (Interval(6.0, 7.0), 0.5, 0.1, (2.0 * pi + 0.4, 2.0 * pi + 0.6)),
         # In an interval of a turn and more it is not known which one.
         (Interval(-4.0, 4.0), 7.0, 0.1, (6.9, 4.0)),
+        (Interval(-pi, pi), 7.0, 0.1, (6.9, pi)),
         (Interval(-3.0, 3.0), 7.0, 0.1, (7.0 - 2.0 * pi - 0.1, 7.0 - 2.0 * pi + 0.1)),
     ],
 )
@@ -99,6 +100,8 @@ def test_a_new_rival_is_lost_and_never_was_found():
     assert (rival.found, rival.born, rival.misses) == (False, 0, 0)
     assert (rival.healthy, rival.least_step) == (0.0, 0.0)
     assert (rival.offset, rival.stuck) == (ANY, ANY)
+    # Another one with the same values is another one.
+    assert rival != Rival(2, None)
 
 
 def sample(stamp, **fields):
