@@ -199,3 +199,187 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
             'joint_1b error register': '0x00' if at == 0.7 or at == 0.8 else 'not read',
             'joint_1b serial number': 'not read',
         }
+
+
+@pytest.mark.parametrize(
+    ('frame', 'identifier', 'data'),
+    [
+        # Commands of NMT (CiA 301, 7.2.8.3.1): command and node id.
+        (canopen.nmt(canopen.NMT_START, 5), 0x000, '01 05'),
+        (canopen.nmt(canopen.NMT_STOP, 5), 0x000, '02 05'),
+        (canopen.nmt(canopen.NMT_PRE_OPERATIONAL, 5), 0x000, '80 05'),
+        (canopen.nmt(canopen.NMT_RESET_NODE, 0), 0x000, '81 00'),
+        (canopen.nmt(canopen.NMT_RESET_COMMUNICATION, 0), 0x000, '82 00'),
+        (canopen.frame(canopen.SYNC_ID), 0x080, ''),
+        (canopen.emcy(5, 0x8110, 0x11), 0x085, '10 81 11 00 00 00 00 00'),
+        # SDO: command, index, subindex, value (7.2.4.3); the command has the unused bytes.
+        (canopen.sdo_upload(5, *canopen.SERIAL_NUMBER), 0x605, '40 18 10 04 00 00 00 00'),
+        (canopen.sdo_write(5, 0x1017, 0, 100, 2), 0x605, '2B 17 10 00 64 00 00 00'),
+        (canopen.sdo_write(5, 0x1800, 2, 1, 1), 0x605, '2F 00 18 02 01 00 00 00'),
+        (
+            canopen.sdo_write(5, *canopen.STORE, canopen.SAVE, 4),
+            0x605,
+            '23 10 10 01 73 61 76 65',
+        ),
+        (canopen.sdo_answer(5, *canopen.POSITION, 0x01020304), 0x585, '43 04 60 00 04 03 02 01'),
+        (
+            canopen.sdo_answer(5, *canopen.ERROR_REGISTER, 0x81, 1),
+            0x585,
+            '4F 01 10 00 81 00 00 00',
+        ),
+        (
+            canopen.sdo(0x585, canopen.SDO_ABORT, 0x1010, 1, canopen.SDO_NOT_STORED),
+            0x585,
+            '80 10 10 01 20 00 00 08',
+        ),
+        (
+            canopen.sdo(0x585, canopen.SDO_DOWNLOAD_ANSWER, 0x1017, 0),
+            0x585,
+            '60 17 10 00 00 00 00 00',
+        ),
+    ],
+)
+def test_frames_are_those_of_the_standard(frame, identifier, data):
+    assert frame.arbitration_id == identifier
+    assert not frame.is_extended_id
+    assert bytes(frame.data) == bytes.fromhex(data)
+
+
+# Objects of CiA 301 (7.5) and CiA 406, as their data sheets name them.
+OBJECTS = {
+    'DEVICE_TYPE': '0x1000:00',
+    'ERROR_REGISTER': '0x1001:00',
+    'SYNC_IDENTIFIER': '0x1005:00',
+    'SYNC_PERIOD': '0x1006:00',
+    'STORE': '0x1010:01',
+    'HEARTBEAT_TIME': '0x1017:00',
+    'VENDOR_ID': '0x1018:01',
+    'PRODUCT_CODE': '0x1018:02',
+    'REVISION': '0x1018:03',
+    'SERIAL_NUMBER': '0x1018:04',
+    'SYNC_COUNTER': '0x1019:00',
+    'OPERATING_PARAMETERS': '0x6000:00',
+    'UNITS_PER_TURN': '0x6001:00',
+    'TOTAL_RANGE': '0x6002:00',
+    'POSITION': '0x6004:00',
+    'CYCLIC_TIMER': '0x6200:00',
+    'DISC_UNITS_PER_TURN': '0x6501:00',
+}
+
+
+@pytest.mark.parametrize(('name', 'words'), OBJECTS.items())
+def test_objects_have_the_index_of_the_standard(name, words):
+    assert canopen.object_name(*getattr(canopen, name)) == words
+
+
+# Numbers of CiA 301: parameters and mapping of PDOs, bits of their identifiers, abort codes.
+NUMBERS = {
+    'RPDO_PARAMETERS': 0x1400,
+    'RPDO_MAPPING': 0x1600,
+    'TPDO_PARAMETERS': 0x1800,
+    'TPDO_MAPPING': 0x1A00,
+    'TPDO_IDENTIFIER': 1,
+    'TPDO_TYPE': 2,
+    'TPDO_INHIBIT_TIME': 3,
+    'TPDO_EVENT_TIMER': 5,
+    'TPDO_OFF': 0x80000000,
+    'TPDO_NO_REQUEST': 0x40000000,
+    'TPDO_EXTENDED': 0x20000000,
+    'TPDO_ID_MASK': 0x1FFFFFFF,
+    'SYNC_PRODUCED': 0x40000000,
+    'EVERY_SYNC': 1,
+    'EVENT_DRIVEN': 254,
+    'STORES': 3,
+    'SCALING_ON': 4,
+    'NODE_ID_MAXIMUM': 127,
+    'SYNC_MAXIMUM_LENGTH': 1,
+    'EMCY_LENGTH': 8,
+    'HEARTBEAT_LENGTH': 1,
+    'SDO_LENGTH': 8,
+    'SDO_UNKNOWN_COMMAND': 0x05040001,
+    'SDO_READ_ONLY': 0x06010002,
+    'SDO_NO_SUCH_OBJECT': 0x06020000,
+    'SDO_WRONG_LENGTH': 0x06070010,
+    'SDO_NO_SUCH_SUBINDEX': 0x06090011,
+    'SDO_WRONG_VALUE': 0x06090030,
+    'SDO_WRONG_STATE': 0x08000022,
+    'RPDO_BASES': (0x200, 0x300, 0x400, 0x500),
+    'TPDO_BASES': (0x180, 0x280, 0x380, 0x480),
+}
+
+
+@pytest.mark.parametrize(('name', 'number'), NUMBERS.items())
+def test_numbers_are_those_of_the_standard(name, number):
+    assert getattr(canopen, name) == number
+
+
+@pytest.mark.parametrize(
+    ('state', 'word'),
+    [
+        (0x00, 'booting'),
+        (0x04, 'stopped'),
+        (0x05, 'operational'),
+        (0x7F, 'pre-operational'),
+        # With the toggle bit of node guarding.
+        (0x85, 'operational'),
+        (0x06, 'in unknown state 0x06'),
+    ],
+)
+def test_a_state_has_the_word_of_the_standard(state, word):
+    assert canopen.state_word(state) == word
+
+
+@pytest.mark.parametrize(
+    ('register', 'words'),
+    [
+        (0x01, '0x01 (generic)'),
+        (0x02, '0x02 (current)'),
+        (0x04, '0x04 (voltage)'),
+        (0x08, '0x08 (temperature)'),
+        (0x10, '0x10 (communication)'),
+        (0x20, '0x20 (device profile)'),
+        (0x40, '0x40 (reserved bits)'),
+        (0x81, '0x81 (generic, manufacturer)'),
+    ],
+)
+def test_an_error_register_has_the_words_of_the_standard(register, words):
+    assert canopen.register_words(register) == f'error register {words}'
+
+
+@pytest.mark.parametrize(
+    ('code', 'register', 'is_over'),
+    [(0x0000, 0, True), (0x00FF, 0, True), (0x0000, 0x10, False), (0x0100, 0, False)],
+)
+def test_an_emergency_is_over_if_the_register_has_no_error(code, register, is_over):
+    assert canopen.emcy_is_over(canopen.emcy(1, code, register).data) is is_over
+
+
+@pytest.mark.parametrize(
+    ('data', 'value'),
+    [
+        ('23 171000 01020304', '01020304'),
+        ('27 171000 01020304', '010203'),
+        ('2B 171000 01020304', '0102'),
+        ('2F 171000 01020304', '01'),
+        # Without the size, segmented, an upload.
+        ('22 171000 01020304', None),
+        ('21 171000 01020304', None),
+        ('40 171000 00000000', None),
+        ('33 171000 01020304', None),
+    ],
+)
+def test_the_value_of_a_download_has_its_size(data, value):
+    found = canopen.sdo_download(bytes.fromhex(data))
+    assert found == (None if value is None else bytes.fromhex(value))
+
+
+@pytest.mark.parametrize(
+    ('devices', 'word'),
+    [(2, 'two'), (3, 'three'), (4, 'four'), (5, 'five'), (6, 'six'), (7, '7')],
+)
+def test_devices_with_one_node_id_are_counted_in_words(devices, word):
+    assert canopen.shared_node_id(9, devices).startswith(f'{word} devices have node id 9: ')
+
+
+def test_device_types_name_encoders_and_drives():
+    assert canopen.PROFILES == {406: 'encoder', 402: 'drive'}
