@@ -180,8 +180,10 @@ def _mapping_hint(index: int, value: Present) -> str:
         place += entry & 0xFF
     if offset is None:
         return f'it sends {", ".join(words) or "nothing"}, and no position'
+    # A PDO is filled up to whole bytes.
+    length = (place + 7) // 8
     return (
-        f'it sends {", ".join(words)}: set encoders.data_length: {place // 8} and '
+        f'it sends {", ".join(words)}: set encoders.data_length: {length} and '
         f'encoders.byte_offset: {offset}'
     )
 

@@ -6,7 +6,7 @@
 from contextlib import nullcontext
 import re
 
-from encoder_frames import decoder, values
+from encoder_frames import cycle, decoder, feed, T0, values
 from harness import DATA
 import pytest
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
@@ -96,3 +96,30 @@ def test_what_decodes_counts_needs_verified_directions(source, given):
     assert unverified_joints(
         values(source, **some, encoders__accept_unverified_directions=True)
     ) == ('joint_1b', 'joint_3a')
+
+
+@pytest.mark.parametrize(
+    ('given', 'longest'),
+    [
+        # Three periods, at most 5 ms; half a period without SYNC; as it is set.
+        ({'rate': 1000.0}, 0.003),
+        ({'rate': 500.0}, 0.005),
+        ({'rate': 100.0}, 0.005),
+        ({'rate': 1000.0, 'encoders__sync_id': 0}, 0.0005),
+        ({'rate': 100.0, 'encoders__window': 0.002}, 0.002),
+    ],
+)
+def test_an_answer_is_taken_within_its_window(given, longest):
+    for delay, count in ((0.97 * longest, 1), (1.03 * longest, 0)):
+        messages = cycle(0)[1 if 'encoders__sync_id' in given else 0 :]
+        for message in messages[:-1]:
+            message.timestamp = T0
+        messages[-1].timestamp = T0 + delay
+        assert len(feed(decoder(**given), messages)) == count
+
+
+@pytest.mark.parametrize(('excess', 'fits'), [(0.9e-5, True), (1.1e-5, False)])
+def test_a_window_of_three_periods_may_be_rounded(excess, fits):
+    refused = pytest.raises(SettingError, match="'encoders.window'")
+    with nullcontext() if fits else refused:
+        decoder(rate=1000.0, encoders__window=0.003 * (1.0 + excess))

@@ -121,6 +121,13 @@ SPEED_FIRST = {(0x1A00, 0): 2, (0x1A00, 1): 0x60300110, (0x1A00, 2): 0x60040020}
             {(0x1A03, 0): 1, (0x1A03, 1): 0x60300110},
             'it sends 0x6030:01 with 16 bits, and no position',
         ),
+        # The data of a frame are whole bytes, the last one filled up.
+        (
+            (0x1A00, 0),
+            {(0x1A00, 0): 2, (0x1A00, 1): 0x60040020, (0x1A00, 2): 0x65030001},
+            'it sends 0x6004:00 with 32 bits, 0x6503:00 with 1 bits: set '
+            'encoders.data_length: 5 and encoders.byte_offset: 0',
+        ),
         ((0x1A00, 0), {}, 'it sends nothing, and no position'),
         ((0x1A04, 0), SPEED_FIRST, ''),
         ((0x19FF, 0), SPEED_FIRST, ''),
@@ -129,6 +136,79 @@ SPEED_FIRST = {(0x1A00, 0): 2, (0x1A00, 1): 0x60300110, (0x1A00, 2): 0x60040020}
 )
 def test_what_cannot_be_written_has_a_remedy(key, objects, hint):
     assert RULES.hint(key, of(objects)) == hint
+
+
+def every_object(layout=LAYOUT, sync_id=0x80):
+    """Return the wanted objects of an encoder with node id 2, by their names."""
+    wanted = wanted_objects(layout, 2, sync_id, period=0.01, heartbeat=0.1)
+    return {each.address: each for each in wanted.every}
+
+
+# Sizes of these objects by CiA 301 and 406, bytes.
+SIZES = {
+    '0x1800:01': 4,
+    '0x1800:02': 1,
+    '0x1800:03': 2,
+    '0x1800:05': 2,
+    '0x1A00:00': 1,
+    '0x1A00:01': 4,
+    '0x1801:01': 4,
+    '0x1802:01': 4,
+    '0x1803:01': 4,
+    '0x1005:00': 4,
+    '0x1006:00': 4,
+    '0x1019:00': 1,
+    '0x1017:00': 2,
+    '0x6000:00': 2,
+    '0x6001:00': 4,
+    '0x6501:00': 4,
+    '0x6002:00': 4,
+    '0x6200:00': 2,
+}
+
+
+def test_objects_have_the_sizes_of_the_standard():
+    assert {address: each.size for address, each in every_object().items()} == SIZES
+
+
+@pytest.mark.parametrize('sync_id', [0x80, None])
+def test_an_encoder_needs_an_identifier_and_a_type_and_may_lack_the_rest(sync_id):
+    objects = every_object(sync_id=sync_id)
+    needed = {address for address, each in objects.items() if not each.holds(None)}
+    assert needed == {'0x1800:01', '0x1800:02'}
+
+
+def test_only_the_counts_of_the_disc_cannot_be_written():
+    objects = every_object()
+    assert [address for address, each in objects.items() if each.of_device] == ['0x6501:00']
+
+
+@pytest.mark.parametrize(
+    ('address', 'present', 'is_wanted'),
+    [
+        # The range of a turn, or the largest position in it.
+        ('0x6002:00', 16384, True),
+        ('0x6002:00', 16383, True),
+        ('0x6002:00', 16382, False),
+        ('0x6002:00', 16385, False),
+        # The scaling; the direction of counting is left as it is.
+        ('0x6000:00', 0b101, True),
+        ('0x6000:00', 0b011, False),
+        # Bit 30 of SYNC: the node makes it; bit 30 of a TPDO: it takes no requests.
+        ('0x1005:00', 0x80000080, True),
+        ('0x1005:00', 0x40000080, False),
+        ('0x1005:00', 0x20000080, False),
+        ('0x1005:00', 0x81, False),
+        ('0x1800:01', 0x40000182, True),
+        ('0x1800:01', 0x80000182, False),
+        ('0x1800:01', 0x20000182, False),
+        ('0x1800:01', 0x183, False),
+        ('0x1801:01', 0x80000282, True),
+        ('0x1801:01', 0x282, False),
+    ],
+)
+def test_only_the_bits_that_matter_are_compared(address, present, is_wanted):
+    assert every_object()[address].holds(present) is is_wanted
 
 
 def values_of(layout=LAYOUT, sync_id=0x80, **options):

@@ -121,3 +121,88 @@ def test_a_recording_without_sets_for_long_is_a_fault(replay, clock):
     assert source.fault == 'no set of four encoders in 1000 frames of the recording'
     assert source.read(1.0)
     assert source.read(1.0)
+
+
+@pytest.mark.parametrize(
+    ('cycles', 'rate', 'due'),
+    [
+        # Gaps up to 5 s are played in full, and longer ones as one of 5 s, at the rate.
+        (4900, 1.0, 4.9),
+        (9000, 1.0, 5.0),
+        (9000, 2.0, 2.5),
+    ],
+)
+def test_nobody_waits_for_more_than_five_seconds_of_a_gap(replay, clock, cycles, rate, due):
+    source = replay(stream(0, cycles), rate)
+    begin = clock.time_ns()
+    source.read(1.0)
+    sample = source.read(10.0)
+    assert (sample.stamp - begin) * 1e-9 == pytest.approx(due, abs=2e-3)
+    assert (clock.time_ns() - begin) * 1e-9 == pytest.approx(due, abs=2e-3)
+
+
+def at_times(times):
+    """Return cycles whose frames all have the time of their cycle, ms."""
+    frames = []
+    for time in times:
+        messages = cycle(0)
+        for message in messages:
+            message.timestamp = T0 + 1e-3 * time
+        frames += messages
+    return frames
+
+
+def test_three_sets_of_one_stamp_are_a_log_without_times(replay):
+    source = replay(at_times([0, 0, 0, 1]))
+    source.read(1.0)
+    source.read(1.0)
+    with pytest.raises(ReplayError, match='has no times: its first 3 sets all have the stamp'):
+        source.read(1.0)
+
+
+def with_stops(count, stops):
+    """Return times of sets, ms, that stand still `stops` times, each for two sets."""
+    times = list(range(count))
+    for number in range(stops):
+        place = (1 + number) * count // (1 + stops)
+        times[place : place + 3] = [place] * 3
+    return times
+
+
+@pytest.mark.parametrize(
+    ('count', 'stops', 'coarse'),
+    [
+        # Two in a hundred may be a clock that was set back; fewer sets show nothing.
+        (100, 2, False),
+        (100, 3, True),
+        (99, 10, False),
+    ],
+)
+def test_times_that_often_stand_still_are_too_coarse(replay, count, stops, coarse):
+    source = replay(at_times(with_stops(count, stops)), encoders__window=1e-3)
+    expected = ReplayError if coarse else SourceEnded
+    with pytest.raises(expected, match='too coarse: of 100 sets' if coarse else 'played to its'):
+        for _ in range(count + 1):
+            source.read(1.0)
+
+
+def test_recorded_sets_have_their_recorded_stamps(replay):
+    without_answer = [m for m in cycle(1) if m.arbitration_id != 0x183]
+    source = replay([*cycle(0), *without_answer, *stream(2, 3, 4)])
+    found = [sample.stamp for sample in source.recorded()]
+    assert found == pytest.approx([(T0 + 1e-3 * each) * 1e9 for each in (0, 2, 3)], abs=2000)
+    assert source.cycles == 5
+    assert sum(source.dropped.values()) == 1
+
+
+def test_a_recording_without_any_set_is_refused(replay):
+    with pytest.raises(ReplayError, match='no set of four encoders in it; its frames: 2'):
+        list(replay([canopen.frame(0x123, stamp=T0)] * 2).recorded())
+
+
+@pytest.mark.parametrize(('cycles', 'is_gap'), [(49, False), (51, True)])
+def test_a_wait_of_fifty_milliseconds_is_a_gap(replay, clock, cycles, is_gap):
+    source = replay(stream(0, cycles), 1.0)
+    source.read(1.0)
+    assert source.read(0.0) is None
+    assert (source.fault is not None) is is_gap

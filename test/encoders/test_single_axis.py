@@ -3,7 +3,7 @@
 
 """Insertion and gripper: what is a reading, when there is none, and that no set waits for them."""
 
-from contextlib import closing
+from contextlib import closing, nullcontext
 import math
 import time
 
@@ -102,6 +102,95 @@ def test_a_jump_is_silent_until_the_slide_has_settled_and_teleop_has_disengaged(
     # Twice as long as an insertion may be missing: messages are late by some ms.
     assert len(silent) * PERIOD > 2.0 * (INSERTION_PERIODS * PERIOD + INSERTION_DELAY)
     assert len(silent) < 40
+
+
+def axis_of(**overrides):
+    """Return the slide of a decoder."""
+    return decoder(**SLIDE, **overrides).axes[0]
+
+
+def spoken_at(axis, *places):
+    """Return whether the slide has a reading at each time, s, and position, m."""
+    spoken = []
+    for seconds, metres in places:
+        spoken.append(axis.take(slide(0, metres), T0 + seconds) is not None)
+    return spoken
+
+
+@pytest.mark.parametrize(('rate', 'settled'), [(1000.0, 0.033), (100.0, 0.06)])
+def test_a_slide_has_settled_three_periods_and_30_ms_after_a_jump(rate, settled):
+    axis = axis_of(rate=rate)
+    jump = (0.0, 0.1), (0.001, 0.12)
+    found = spoken_at(axis, *jump, (settled, 0.12), (settled + 0.002, 0.12))
+    assert found == [True, False, False, True]
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'metres', 'good'),
+    [
+        # At most 1 m/s: 1 mm in a period of 1 ms, however short the time was; 5 mm in 5 ms.
+        (0.001, 0.1009, True),
+        (0.001, 0.1011, False),
+        (0.0001, 0.1009, True),
+        (0.005, 0.1049, True),
+        (0.005, 0.0951, True),
+        (0.005, 0.1051, False),
+        (0.005, 0.0949, False),
+        # A time that stands still, or goes back, has no speed.
+        (0.0, 0.1, False),
+        (-0.001, 0.1, False),
+    ],
+)
+def test_a_slide_that_is_faster_than_its_limit_has_no_reading(seconds, metres, good):
+    assert spoken_at(axis_of(), (0.0, 0.1), (seconds, metres)) == [True, good]
+
+
+@pytest.mark.parametrize(
+    ('counts', 'position'), [(0, 500.0), (499, 1.0), (501, -1.0), (500 - (1 << 31), -(2.0**31))]
+)
+def test_a_slide_that_is_calibrated_reads_its_counts_whatever_they_are(counts, position):
+    axis = axis_of()
+    axis.read_counts()
+    message = canopen.frame(0x185, (counts % (1 << 32)).to_bytes(4, 'little'))
+    assert abs(axis.take(message, T0).position) == pytest.approx(abs(position))
+
+
+def test_a_rejected_frame_is_the_reason_for_three_periods():
+    axis = axis_of()
+    spoken_at(axis, (0.0, 0.1))
+    axis.take(canopen.frame(0x185, bytes(3), T0 + 0.01), T0 + 0.01)
+    assert axis.fault(T0 + 0.0129) == 'insertion: 3 bytes instead of 4'
+    assert axis.fault(T0 + 0.0131) == 'insertion missing (no frames)'
+
+
+def test_a_silent_node_explains_the_missing_readings():
+    taker = decoder(**SLIDE, insertion__node_id=5)
+    taker.feed(canopen.frame(0x705, b'\x7f', T0))
+    assert taker.axes[0].fault(T0 + 0.1) == 'insertion missing (pre-operational)'
+
+
+@pytest.mark.parametrize(
+    ('given', 'ends'),
+    [
+        ({'insertion__range': (0.0, 0.2)}, (-0.004, 0.204)),
+        ({'insertion__range': (-0.1, 0.4)}, (-0.11, 0.41)),
+    ],
+)
+def test_the_margin_of_a_range_is_two_per_cent_at_either_end(given, ends):
+    axis = decoder(**SLIDE | given).axes[0]
+    assert axis.limits.bounds == pytest.approx(ends)
+
+
+@pytest.mark.parametrize('largest', [32767, 32769])
+def test_the_range_of_a_slide_is_within_half_of_its_counts(largest):
+    given = SLIDE | {
+        'insertion__bit_length': 16,
+        'insertion__counts_per_metre': 2e4,
+        'insertion__range': (0.0, largest / 2e4),
+    }
+    refused = pytest.raises(SettingError, match='what 16 bits of counts can hold')
+    with nullcontext() if largest < 32768 else refused:
+        decoder(**given)
 
 
 def test_three_periods_without_a_frame_are_missing():

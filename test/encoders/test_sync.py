@@ -235,3 +235,57 @@ def test_another_rate_of_sync_is_reported_with_the_cure(stamps, measured):
             'all nodes (can_scan prints it)'
         )
     )
+
+
+def stamps_of(*parts):
+    """Return the times of SYNCs; each part is a number of steps and their length, s."""
+    stamps = [0.0]
+    for count, step in parts:
+        for _ in range(count):
+            stamps.append(stamps[-1] + step)
+    return stamps
+
+
+@pytest.mark.parametrize(
+    ('parts', 'is_other'),
+    [
+        # A quarter of a period beside it is still one; more is another rate.
+        ([(1400, 0.76e-3)], False),
+        ([(1400, 0.74e-3)], True),
+        ([(900, 1.24e-3)], False),
+        ([(900, 1.26e-3)], True),
+        # A tenth of them one period apart: SYNCs are lost; fewer: another rate.
+        ([(44, 1e-3), (320, 3e-3)], False),
+        ([(28, 1e-3), (325, 3e-3)], True),
+        # Ten of them show a rate, nine do not; and it takes a second.
+        ([(10, 0.11)], True),
+        ([(9, 0.12)], False),
+        ([(330, 3e-3)], False),
+        ([(336, 3e-3)], True),
+        # A pause of more than a second begins anew.
+        ([(300, 3e-3), (1, 1.1), (300, 3e-3)], False),
+        ([(300, 3e-3), (1, 0.9)], True),
+    ],
+)
+def test_a_rate_of_sync_is_another_one_beyond_a_quarter_of_a_period(parts, is_other):
+    found = SyncRate(1e-3)
+    for stamp in stamps_of(*parts):
+        found.heard(stamp)
+    assert (found.measured is not None) is is_other
+
+
+def test_only_the_syncs_up_to_a_frame_open_their_cycles(producer):
+    made = producer(1.0)
+    made.producing = True
+    made._waiting.extend([T0, T0 + 0.01, T0 + 0.02])
+    assert made.openings(T0 - 0.001) == []
+    assert made.openings(T0 + 0.01) == [T0, T0 + 0.01]
+    assert made.openings(T0 + 0.015) == []
+    assert made.openings(T0 + 0.03) == [T0 + 0.02]
+
+
+def test_no_sync_is_left_out_while_it_does_not_produce(producer):
+    made = producer(1.0)
+    assert made.skip() is False
+    made.producing = True
+    assert made.skip() is True
