@@ -161,7 +161,7 @@ class LimitedRotation:
             )
         wanted = moved_toward(ZERO, added(closing, target_velocity), step.speed)
         velocity = moved_toward(self.velocity, wanted, step.velocity_change)
-        if norm(velocity) > step.speed:
+        if norm(velocity) > (1.0 + ROUNDING) * step.speed:
             # The limit is lower than at the last step where this one is longer: it brakes.
             slower = moved_toward(ZERO, self.velocity, step.speed)
             velocity = moved_toward(self.velocity, slower, step.velocity_change)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from spm_haptic_master.kinematics.vectors import scaled
 from spm_haptic_master.teleoperation.braking import ROUNDING
@@ -16,11 +16,13 @@ from spm_haptic_master.teleoperation.vectors import moved_toward, norm
 FADE_LONGEST = 0.1
 
 
-class Fade(NamedTuple):
+@dataclass(slots=True)
+class Fade:
     """A motion that is about to end."""
 
     first: Motion  # at the beginning of the end
     duration: float  # time in which it ends, s
+    passed: float = 0.0  # time since its beginning, s
 
 
 class FadingTwist:
@@ -53,7 +55,6 @@ class FadingTwist:
         self._zeros_left = 0
         self._motion = Motion()
         self._fade: Fade | None = None  # None while there is a command
-        self._passed = 0.0  # time since the fade began, s
 
     def follow(self, motion: Motion, dt: float) -> Motion:
         """Return the motion of a command, or the nearest one within reach in `dt`, s."""
@@ -72,13 +73,14 @@ class FadingTwist:
         """Return the motion after a further time `dt` without a command, s; None at the end."""
         if not self._zeros_left:
             return None
-        if self._fade is None:
-            self._fade = Fade(self._motion, self._duration())
-            self._passed = 0.0
-        self._passed += dt
-        first, duration = self._fade
-        if self._passed < duration:
-            left = 1.0 - self._passed / duration
+        fade = self._fade
+        if fade is None:
+            fade = Fade(self._motion, self._duration())
+            self._fade = fade
+        fade.passed += dt
+        first = fade.first
+        if fade.passed < fade.duration:
+            left = 1.0 - fade.passed / fade.duration
             self._motion = Motion(
                 angular=scaled(left, first.angular),
                 lever=first.lever,
@@ -93,7 +95,6 @@ class FadingTwist:
         """Forget the motion, which nobody follows any more: the next one begins from rest."""
         self._motion = Motion()
         self._zeros_left = 0
-        self._fade = None
 
     def _duration(self) -> float:
         """Return the time in which the motion fades, s."""

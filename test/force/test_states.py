@@ -599,7 +599,9 @@ def test_wrong_limits(wrong):
         ForceLimits(**wrong)
 
 
-def test_wrong_number_of_motors():
+def test_there_are_three_motors_unless_another_number_is_given():
+    assert ForceController().output.motor_torque == ZERO
+    assert ForceController(motors=4).output.motor_torque == (*ZERO, 0.0)
     with pytest.raises(InputError, match='motors = 2'):
         ForceController(motors=2)
 

@@ -169,6 +169,23 @@ def test_a_target_that_moves_is_caught_up_with():
     assert max(behind[100:]) < 1e-12
 
 
+@pytest.mark.parametrize('heading', range(4))
+def test_at_the_limit_of_the_speed_the_command_turns_with_its_target(heading):
+    """Behind a target that is faster and changes its direction: in every step anew."""
+    command = at_rest(500.0)
+    target = IDENTITY
+    velocities = []
+    for step in range(200):
+        phase = heading + 0.01 * step
+        target = turned(np.array([9.0 * np.cos(phase), 9.0 * np.sin(phase), 1.0]), DT, target)
+        command.advance(target, DT)
+        velocities.append(command.velocity)
+    at_the_limit = velocities[5:]
+    assert np.linalg.norm(at_the_limit, axis=1) == pytest.approx(6.0)
+    changes = np.linalg.norm(np.diff(at_the_limit, axis=0), axis=1)
+    assert changes.min() > 1e-3
+
+
 def test_a_pause_is_no_step():
     command = at_rest(500.0)
     assert command.advance(rotations.quaternion_from_vector(2.0, 0.0, 0.0), 10.0) == ''
@@ -206,6 +223,30 @@ def test_a_target_that_speeds_up_to_the_limits_is_followed_without_slewing():
     assert command.advance(about_z(angle + DT * 6.01), DT) == 'speed'
     # It may not stop at once either.
     assert command.advance(about_z(angle), DT) == 'acceleration'
+
+
+@pytest.mark.parametrize('axis', [(1.0, 0.0, 0.0), (0.0, 0.6, 0.8), (-0.6, 0.8, 0.0)])
+def test_the_quaternion_is_continuous_over_a_whole_turn(axis):
+    """Through half a turn and a whole one, whatever sign the target has."""
+    command = at_rest(1e6)
+    before = np.array(IDENTITY)
+    for step in range(1, 320):
+        target = rotations.quaternion_from_vector(*(0.02 * step * part for part in axis))
+        if step % 2:
+            target = tuple(-part for part in target)
+        assert command.advance(target, DT) == ''
+        assert before @ command.rotation == pytest.approx(1.0, abs=1e-4)
+        before = np.array(command.rotation)
+
+
+def test_after_a_restart_the_target_that_was_left_behind_does_not_count():
+    command = at_rest(500.0)
+    command.advance(about_z(0.5), DT)
+    assert command.velocity == pytest.approx((0.0, 0.0, 2.5))
+    command.restart()
+    command.advance(about_z(0.0275), DT)
+    assert command.velocity == pytest.approx((0.0, 0.0, 3.0))
+    assert command.rotation == about_z(0.0275)
 
 
 def test_a_jump_counts_from_the_command_whatever_the_time():

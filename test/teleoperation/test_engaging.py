@@ -112,6 +112,15 @@ def test_an_enable_during_an_obstacle_has_no_effect():
     assert rig.run(50) == []
 
 
+def test_an_enable_during_an_obstacle_of_a_moment_has_no_effect():
+    rig = Rig().ready()
+    rig.machine.take_presence(True)
+    rig.machine.external_block = 'two publishers of servo_cp'
+    assert rig.machine.enable() == 'two publishers of servo_cp'
+    rig.machine.external_block = ''
+    assert rig.run(50) == []
+
+
 def test_a_slave_is_at_rest_after_50_ms_near_one_pose():
     rig = Rig(command_rate=0.0)
     rig.machine.take_state(read_state('healthy'))

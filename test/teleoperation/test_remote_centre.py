@@ -11,7 +11,7 @@ from mechanism import turn
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
-from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.kinematics.rotations import rotation_distance, vector_from_quaternion
 from spm_haptic_master.teleoperation import remote_centre
 from spm_haptic_master.teleoperation.command import Pose
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
@@ -275,6 +275,24 @@ def test_the_tilt_of_the_shaft_never_exceeds_its_limit(seed):
     np.testing.assert_allclose(course.rotation, course.slave, atol=1e-9)
 
 
+def test_at_the_largest_tilt_the_velocity_is_that_of_the_command():
+    """It brakes ahead of the cone, and stands there while the hand goes on."""
+    course = Course(4, largest_tilt=radians(20.0))
+    across = np.cross(course.slave @ course.shaft, [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    speeds = []
+    for _ in range(80):
+        before = course.rotation
+        course.advance(0.01 * across, 0.0)
+        turned = vector_from_quaternion(*quaternion(course.rotation @ before.T))
+        given = course.following.command.motion.angular
+        np.testing.assert_allclose(np.multiply(DT, given), turned, atol=1e-9)
+        speeds.append(np.linalg.norm(given))
+    assert max(speeds) == pytest.approx(2.0)
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-6)
+    assert course.tilt == pytest.approx(radians(20.0), abs=1e-6)
+
+
 def test_a_tilt_beyond_the_limit_disengages_where_commands_are_not_slewed():
     limits = CommandLimits(
         6.0,
@@ -397,3 +415,17 @@ def test_a_depth_goes_up_as_it_goes_down():
         up.advance(0.095, DT)
         assert down.depth - 0.1 == pytest.approx(0.1 - up.depth, abs=1e-12)
     assert down.depth == pytest.approx(0.105, abs=1e-12)
+
+
+@pytest.mark.parametrize('speed', [0.0, 0.03, 0.1])
+@pytest.mark.parametrize('behind', [0.0004, 0.002, 0.0123, 0.03])
+def test_a_depth_that_catches_up_never_passes_its_target(speed, behind):
+    for sense in (1.0, -1.0):
+        depth = LimitedDepth(DEEP, 0.15)
+        lags = []
+        for step in range(150):
+            target = 0.15 + sense * (behind + speed * DT * step)
+            assert depth.advance(target, DT) == ''
+            lags.append(sense * (target - depth.depth))
+        assert min(lags) >= -1e-12
+        assert lags[-1] == pytest.approx(0.0, abs=1e-12)
