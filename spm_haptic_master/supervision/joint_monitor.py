@@ -213,8 +213,7 @@ class JointMonitor:
             if not (is_repeated and readings.is_slower_than_bus):
                 self._begin(reading, max(dt, period))
             return
-        moved = self.velocity * period
-        is_slow = -readings.slow_step < moved < readings.slow_step
+        is_slow = abs(self.velocity * period) < readings.slow_step
         if not is_slow:
             readings.note_moving(is_repeated)
         elapsed = self.reading_age + dt

@@ -183,6 +183,8 @@ def test_three_runs_of_bad_samples_with_few_consistent_ones_between_are_a_series
     assert isolated == (3 if is_series else None)
     device.good(101)
     assert not device.latch.is_series
+    runs(device, 2, 1)
+    assert not device.latch.is_series
 
 
 def test_a_series_of_a_single_parity_isolates_no_sensor():
@@ -486,13 +488,13 @@ def test_jumps_that_explain_every_bad_sample_and_returned_need_no_check(
     assert device.ends(SECOND) == (explained and returns)
 
 
-def test_a_bad_sample_without_a_jump_needs_a_check_though_the_jumps_returned():
+@pytest.mark.parametrize('unexplained', [0, 1, 3])
+def test_a_bad_sample_without_a_jump_needs_a_check_though_the_jumps_returned(unexplained):
     device = Device(1)
-    device.joints.leave(0)
-    for _ in range(3):
+    for number in range(4):
+        device.joints.leave(*[0] * (number != unexplained))
         device.bad()
     device.joints.leave()
-    device.bad()
     device.joints.returned.add((0, 1))
     assert not device.ends(0)
     assert not device.ends(SECOND)
@@ -531,7 +533,11 @@ def test_no_jump_in_a_pause_is_a_fault_of_one_that_is_latched_or_after_a_series(
 
 def test_a_fault_that_is_latched_without_a_jump_is_explained_by_none():
     device = Device(0)
-    device.latch.latch(SECOND, Symptom(Reason.UNPROTECTED))
+    device.joints.leave(1)
+    device.bad()
+    device.joints.leave()
+    device.good()
+    device.latch.latch(device.now, Symptom(Reason.UNPROTECTED))
     assert device.fault.jumped == {}
     assert not device.ends(0)
     assert not device.ends(SECOND)
