@@ -146,6 +146,19 @@ def test_a_sample_that_does_not_agree_begins_its_time_again(symptom, determined,
     assert trial.has_agreed_for(BEGIN + 11 * MS, 0.009)
 
 
+def test_samples_before_one_that_does_not_agree_do_not_count():
+    members = Set()
+    trial = Trial(members, place(), None)
+    follow(trial, *range(1, 6))
+    members.symptom = UNSURE
+    follow(trial, 6)
+    members.symptom = None
+    follow(trial, *range(7, 16))
+    assert not trial.has_agreed_for(BEGIN + 15 * MS, 0.001)
+    follow(trial, 16)
+    assert trial.has_agreed_for(BEGIN + 16 * MS, 0.001)
+
+
 def test_without_an_orientation_it_neither_agrees_nor_fails():
     members = Set()
     trial = Trial(members, place(), None)
