@@ -3,7 +3,7 @@
 
 """Rivals sample by sample, in a world whose orientations are turns about one axis."""
 
-from math import cos, inf, radians, sin
+from math import cos, inf, radians, sin, sqrt
 from types import SimpleNamespace
 
 import pytest
@@ -54,9 +54,12 @@ class World:
         self.fault = 0.5
         self.fault_deviation = 0.0
         self.readings = [0.1] * count
+        self.factor = 1.0
         self.on_trial = {}
         self.searches = []
-        self.starts = ()
+        # Curvatures of the parity, and the turns behind a fold from which others are looked for.
+        self.bends = {}
+        self.turns = []
         self.used = SimpleNamespace(
             entries=entries,
             places=tuple(range(count)),
@@ -65,11 +68,10 @@ class World:
             worth=SimpleNamespace(healthy=0.0, slopes=(1.0,) * count),
             solver=SimpleNamespace(
                 curvature=lambda estimate, sensor: self.bends.get(sensor, 0.0),
-                turned_by_fault=lambda estimate, sensor, turn: (),
+                turned_by_fault=self.turned_by_fault,
                 fault=self.implied,
             ),
         )
-        self.bends = {}
         sensors = SimpleNamespace(
             used=self.used,
             is_trying=False,
@@ -81,6 +83,10 @@ class World:
 
     def implied(self, found, sensor, sample):
         return SimpleNamespace(fault=self.fault, deviation=self.fault_deviation, bias=1e-3)
+
+    def turned_by_fault(self, estimate, sensor, turn):
+        self.turns.append(turn)
+        return (turned(self.here + turn), turned(self.here - turn))
 
     def one_less(self, sensor):
         """Return the others: their solution next to an orientation is within 0.2 rad."""
@@ -104,7 +110,7 @@ class World:
             angles=tuple(self.readings),
             prior=None,
             bias=(0.0,) * self.count,
-            factors=(1.0,) * self.count,
+            factors=(self.factor,) * self.count,
             period=1e-3,
         )
 
@@ -148,6 +154,7 @@ def beyond(angle):
 def test_at_the_start_a_rival_may_be_anywhere_until_all_solutions_are_known():
     """Of one sensor a sample, and thrice, as noise may hide a solution of three."""
     world = World()
+    assert world.rivals.parts(world.place(0.0)) == [inf] * 4
     shown = [world.follow() for _ in range(12)]
     for number, parts in enumerate(shown, 1):
         found = number // 3
@@ -218,18 +225,21 @@ def test_a_rival_counts_from_its_birth_on():
 
 
 @pytest.mark.parametrize(
-    ('fault', 'deviation', 'least'),
+    ('fault', 'deviation', 'factor', 'least'),
     [
-        (0.5, 0.0, 0.5 - 1e-3),
-        (-0.5, 0.0, 0.5 - 1e-3),
+        (0.5, 0.0, 1.0, 0.5 - 1e-3),
+        (-0.5, 0.0, 1.0, 0.5 - 1e-3),
         # A whole turn of the reading is none.
-        (0.5 + 6.283185307, 0.0, 0.5 - 1e-3),
-        (0.5, 0.01, 0.5 - THRESHOLD * 0.01 - 1e-3),
-        (0.5, 0.1, 0.0),
+        (0.5 + 6.283185307, 0.0, 1.0, 0.5 - 1e-3),
+        (0.5, 0.01, 1.0, 0.5 - THRESHOLD * 0.01 - 1e-3),
+        # With twice the noise.
+        (0.5, 0.01, 2.0, 0.5 - THRESHOLD * 0.02 - 1e-3),
+        (0.5, 0.1, 1.0, 0.0),
     ],
 )
-def test_a_step_may_lead_to_a_rival_from_half_its_least_size_on(fault, deviation, least):
+def test_a_step_may_lead_to_a_rival_from_half_its_least_size_on(fault, deviation, factor, least):
     world = World()
+    world.factor = factor
     world.others = {1: (1.0,)}
     world.fault = fault
     world.fault_deviation = deviation
@@ -298,6 +308,47 @@ def test_rivals_of_a_sensor_that_meet_are_one():
     assert world.follow()[2] < 1.2
 
 
+@pytest.mark.parametrize(
+    ('fault', 'reading', 'is_over'),
+    [
+        # A constant offset from either of both, or a reading that sticks at either.
+        (0.8, 0.3, False),
+        (0.5, 0.3, False),
+        (1.1, 0.2, False),
+        (1.1, 0.1, False),
+        (1.1, 0.3, True),
+    ],
+)
+def test_where_two_rivals_meet_what_explains_either_explains_the_one_that_stays(
+    fault, reading, is_over
+):
+    world = known(_2=(1.0,))
+    world.fault = 0.8
+    world.readings[2] = 0.2
+    # A trial without its sensor is there.
+    world.sensors.is_trying = True
+    world.on_trial = {2: Place(world.now + MS, turned(1.0))}
+    assert world.follow()[2] == beyond(1.0)
+    world.sensors.is_trying = False
+    world.on_trial = {}
+    world.fault = fault
+    world.readings[2] = reading
+    for step in range(1, 4):
+        parts = world.follow(0.009 * step)
+    assert (parts[2] == PART) == is_over
+
+
+def test_a_lost_rival_is_searched_for_again_once_the_platform_has_moved():
+    world = known(_2=(1.0,))
+    world.others = {}
+    for step in range(1, 4):
+        world.follow(0.009 * step)
+    before = len(world.searches)
+    for _ in range(5):
+        assert world.follow()[2] == inf
+    assert len(world.searches) == before
+
+
 # Where the truth may have left ----------------------------------------------------------------
 
 
@@ -334,19 +385,35 @@ def test_a_gap_may_have_left_the_truth_anywhere_in_reach(gap, is_lost):
 
 def test_behind_a_gap_a_rival_may_be_anywhere_in_reach_of_where_it_was():
     world = known(_2=(1.0,))
-    world.others = {2: (1.3,)}
-    parts = world.follow(after=20)
-    assert parts[2] == inf
+    world.others = {2: (1.05, 1.3)}
+    assert world.follow(after=20)[2] == inf
     for _ in range(20):
         parts = world.follow()
     assert parts[2] == beyond(1.3)
 
 
-@pytest.mark.parametrize(('turn', 'is_lost'), [(0.019, False), (0.021, True)])
-def test_a_sensor_that_was_hidden_while_the_platform_turned_may_have_a_rival(turn, is_lost):
+def test_that_reach_is_from_the_last_sample_before_the_gap():
+    """Not from when the rival was computed last."""
+    world = known(_2=(1.0,))
+    for _ in range(40):
+        world.follow()
+    world.others = {2: (1.5,)}
+    shown = [world.follow(after=20)[2] for _ in range(3)]
+    assert shown == [inf] * 3
+
+
+@pytest.mark.parametrize(
+    ('turn', 'part', 'is_lost'),
+    [
+        (0.019, 1.01 * LIMIT, False),
+        (0.021, 1.01 * LIMIT, True),
+        (0.021, LIMIT, False),
+    ],
+)
+def test_a_sensor_that_was_hidden_while_the_platform_turned_may_have_a_rival(turn, part, is_lost):
     world = known()
     hidden_from = world.now
-    world.part[1] = 1.01 * LIMIT
+    world.part[1] = part
     for step in range(1, 6):
         world.follow(0.2 * step * turn)
     # If it is wrong, the truth may be where it became hidden.
@@ -377,25 +444,20 @@ def test_through_samples_that_are_not_consistent_a_rival_goes_on_without_its_sen
     assert world.rivals.parts(world.place(0.0))[2] == inf
 
 
-def test_with_more_than_four_places_the_truth_may_be_anywhere():
+@pytest.mark.parametrize(('places', 'is_anywhere'), [(4, False), (5, True)])
+def test_with_more_than_four_places_the_truth_may_be_anywhere(places, is_anywhere):
     world = known()
-    for step in range(1, 5):
+    for step in range(1, places + 1):
         world.part[1] = inf
         world.follow(0.05 * step)
     world.part[1] = PART
     world.others = {1: (2.0,)}
+    before = len(world.searches)
     for _ in range(30):
         parts = world.follow()
-    assert parts[1] == PART
-    world = known()
-    for step in range(1, 7):
-        world.part[1] = inf
-        world.follow(0.05 * step)
-    world.part[1] = PART
-    world.others = {1: (2.0,)}
-    for _ in range(30):
-        parts = world.follow()
-    assert parts[1] == beyond(2.0 - 0.3)
+    assert parts[1] == (beyond(2.0 - 0.05 * places) if is_anywhere else PART)
+    # It is searched for thrice then, as at the start.
+    assert world.searches[before:] == ([1, 1, 1] if is_anywhere else [1])
 
 
 def test_with_other_sensors_those_with_rivals_may_have_more():
@@ -410,8 +472,200 @@ def test_with_other_sensors_those_with_rivals_may_have_more():
     assert parts[3] == PART
 
 
+@pytest.mark.parametrize(('turn', 'is_lost'), [(0.012, False), (0.013, True)])
+def test_near_a_fold_a_quarter_of_the_way_to_its_other_side_counts(turn, is_lost):
+    world = World()
+    world.bends = {1: 20.0}
+    for _ in range(12):
+        world.follow()
+    world.part[1] = 1.01 * LIMIT
+    for step in range(1, 5):
+        world.follow(0.25 * step * turn)
+    world.part[1] = PART
+    world.others = {1: (0.09,)}
+    for _ in range(10):
+        parts = world.follow()
+    assert (parts[1] > 0.05) == is_lost
+
+
+def test_what_was_hidden_while_it_was_not_in_use_is_forgotten():
+    world = known()
+    world.part[3] = 1.01 * LIMIT
+    world.follow()
+    world.used.places = (0, 1, 2)
+    for step in range(1, 6):
+        world.follow(0.009 * step)
+    world.part[3] = PART
+    world.used.places = (0, 1, 2, 3)
+    world.others = {3: (0.15,)}
+    for _ in range(10):
+        assert world.follow() == [PART] * 4
+
+
+def test_once_three_sensors_were_in_use_there_may_be_more_rivals():
+    world = known(_2=(1.0,))
+    world.used.entries = 0
+    world.follow()
+    world.used.entries = 1
+    assert world.follow() == [PART, PART, inf, PART]
+
+
+@pytest.mark.parametrize('restarts', [True, False])
+def test_curvatures_are_those_of_the_sensors_in_use(restarts):
+    """And none from before a restart."""
+    world = World(5, 2)
+    for _ in range(6):
+        world.follow()
+    world.bends = dict.fromkeys(range(5), 20.0)
+    assert world.follow() == [PART] * 5
+    if restarts:
+        world.rivals.restart()
+    else:
+        world.used.places = (0, 1, 2, 3)
+    for _ in range(6):
+        parts = world.follow()
+    # Of e - 20 e^2 = 0.01 the smaller solution.
+    assert parts[:4] == [pytest.approx((1.0 - sqrt(1.0 - 0.8)) / 40.0)] * 4
+
+
 def test_a_restart_knows_nothing():
     world = known(_2=(1.0,))
     world.rivals.restart()
     assert world.rivals.last is None
     assert world.follow() == [inf] * 4
+
+
+def test_bad_samples_are_no_gap_for_a_rival():
+    world = known(_2=(1.0,))
+    for _ in range(10):
+        world.rivals.follow_inconsistent(world.sample())
+    # The others have taken over.
+    world.rivals.last = world.place(0.0)
+    assert world.follow()[2] == beyond(1.0)
+
+
+# Trials ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('angle', 'part'),
+    [
+        # Within part and limit it is the orientation itself.
+        (0.0095, PART),
+        (0.0105, beyond(0.0105)),
+    ],
+)
+def test_a_trial_says_where_the_truth_without_its_sensor_is(angle, part):
+    world = known()
+    world.sensors.is_trying = True
+    world.others = {1: (angle,)}
+    world.on_trial = {1: Place(world.now + MS, turned(angle))}
+    assert world.follow()[1] == part
+
+
+@pytest.mark.parametrize(('milliseconds', 'searches'), [(3, 1), (5, 3)])
+def test_where_a_trial_was_before_is_a_place_that_the_truth_may_have_left(milliseconds, searches):
+    """It is searched for once where a human can have turned the platform by 0.1 rad since."""
+    world = known()
+    before = len(world.searches)
+    world.sensors.is_trying = True
+    world.on_trial = {1: Place(world.now - milliseconds * MS, turned(0.0))}
+    shown = [world.follow()[1] for _ in range(5)]
+    assert shown == [inf] * (searches - 1) + [PART] * (6 - searches)
+    # The same place counts once.
+    assert world.searches[before:] == [1] * searches
+    # When no trial is left it is not asked for.
+    world.on_trial = {1: Place(world.now - milliseconds * MS, turned(0.0))}
+    world.sensors.is_trying = False
+    world.follow()
+    assert world.searches[before:] == [1] * searches
+
+
+# Folds ----------------------------------------------------------------------------------------
+
+
+def bent(expected, count=20):
+    """Return a world at rest with a fold of sensor 1 behind which a turn (rad) may lead."""
+    world = World()
+    world.part = [1e-6] * 4
+    world.bends = {1: 0.7 / expected}
+    for _ in range(count):
+        world.follow()
+    return world
+
+
+def looked_for(expected):
+    """Return the turns, rad, at which a truth so far away is looked for."""
+    return pytest.approx([0.6 * expected, 1.5 * expected], rel=1e-3)
+
+
+def test_at_rest_the_truth_is_as_far_as_a_human_accelerates_the_platform():
+    at_rest = ACCELERATION * 1e-6
+    assert bent(at_rest).turns[-2:] == looked_for(at_rest)
+    # To the other side of the fold if that is nearer.
+    assert bent(0.6 * at_rest).turns[-2:] == looked_for(0.6 * at_rest / 0.7)
+
+
+def test_in_motion_it_is_as_far_as_the_platform_went_on_the_other_way():
+    expected = 0.005 + 0.005 + ACCELERATION * 1e-6
+    world = bent(expected)
+    world.turns.clear()
+    for step in range(1, 4):
+        world.follow(0.005 * step)
+    assert world.turns[-2:] == looked_for(expected)
+    # Where the orientation turns faster than the platform did before, by as much.
+    expected = 2.0 * 0.009
+    world = bent(expected)
+    world.turns.clear()
+    world.follow(0.009)
+    assert world.turns == looked_for(expected)
+
+
+def test_where_the_orientation_stops_the_truth_may_have_gone_on():
+    expected = 0.005 + ACCELERATION * 1e-6
+    world = bent(expected)
+    for step in range(1, 4):
+        world.follow(0.005 * step)
+    world.turns.clear()
+    world.follow()
+    assert world.turns == looked_for(expected)
+    world.turns.clear()
+    world.follow()
+    assert world.turns == []
+
+
+def test_the_same_sample_taken_twice_is_no_stop():
+    expected = 0.005 + ACCELERATION * 1e-6
+    world = bent(expected)
+    for step in range(1, 4):
+        world.follow(0.005 * step)
+    world.follow(after=0)
+    world.turns.clear()
+    world.follow()
+    assert world.turns == looked_for(expected)
+
+
+@pytest.mark.parametrize(('gap', 'speed'), [(10, 5.0), (60, 20.0)])
+def test_behind_a_gap_it_is_about_the_latest_sample_of_a_trial(gap, speed):
+    step = 2.5e-3
+    expected = speed * step + ACCELERATION * step**2
+    world = bent(expected)
+    world.sensors.is_trying = True
+    world.on_trial = {1: Place(world.now + gap * MS, turned(0.0))}
+    world.turns.clear()
+    world.follow(after=gap)
+    assert world.turns == looked_for(expected)
+
+
+def test_after_a_restart_the_platform_may_be_as_fast_as_a_human():
+    expected = SPEED * 1e-3 + ACCELERATION * 1e-6
+    world = World(5, 2)
+    world.part = [1e-6] * 5
+    world.bends = {0: 0.7 / expected}
+    for _ in range(2):
+        world.turns.clear()
+        world.follow()
+        assert world.turns == []
+        world.follow()
+        assert world.turns == looked_for(expected)
+        world.rivals.restart()

@@ -10,7 +10,7 @@ from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision import supervise, Supervised
+from spm_haptic_master.supervision import recording, supervise, Supervised
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 TIMES = stamps(60)
@@ -222,3 +222,21 @@ def test_it_does_not_matter_when_a_recording_begins():
     assert 'degraded: joint_1b excluded' in usual.states
     assert early.result.state == usual.result.state
     np.testing.assert_array_equal(early.result.bounds, usual.result.bounds)
+
+
+def test_the_progress_is_reported_every_so_many_samples(monkeypatch):
+    monkeypatch.setattr(recording, 'PROGRESS_SAMPLES', 25)
+    reported = []
+    values = complete(SUPERVISION_SETTINGS, {})
+    recording.run(TIMES, READINGS, values, reported.append)
+    assert reported == [0, 25, 50]
+
+
+@pytest.mark.parametrize(('most', 'published'), [(3.0, 0), (4.0, 26), (5.0, 26), (6.0, 54)])
+def test_a_run_stops_once_more_samples_are_withheld_than_allowed(most, published):
+    """Four at the start, and two missing readings."""
+    readings = READINGS.copy()
+    readings[30:32, 2] = np.nan
+    values = complete(SUPERVISION_SETTINGS, {})
+    found = recording.run(TIMES, readings, values, most_withheld=most)
+    assert found.published.sum() == published
