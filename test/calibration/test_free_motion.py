@@ -508,6 +508,15 @@ def test_a_caution_begins_where_its_limit_is_exceeded(
         assert 'joint_1c look like a noise of' in cautions[0]
 
 
+def test_irregular_times_are_named_by_the_sensor_that_looks_too_noisy_for_itself(calibration):
+    """Of the least noise of all, and even so below the others."""
+    c = calibration
+    quiet = replace(c, model=replace(c.model, sigma=c.model.sigma * [1.0, 1.0, 0.5, 1.0]))
+    looks = quiet.noise * [1.0, 1.0, 1.2, 1.0]
+    found = replace(quiet, readings=replace(c.readings, noise=looks))
+    assert 'joint_1c look like a noise of' in found.irregular
+
+
 def cures_of(
     calibration,
     of_zeros,

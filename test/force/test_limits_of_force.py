@@ -273,6 +273,33 @@ def test_what_is_left_of_the_energy_sets_damping_and_wrench(energy, damping, sha
     assert budget.share == pytest.approx(share, abs=1e-9)
 
 
+def test_a_new_budget_damps_nothing_and_what_is_stored_is_given_back():
+    """A hand that winds a spring of 0.2 N m/rad up by 1 rad gives 0.1 J: it is no more."""
+    budget = EnergyBudget()
+    assert budget.damping == 0.0
+    budget.count(-0.05, (0.0, 0.2, 0.0), DT)
+    assert budget.energy == pytest.approx(52e-3)
+    budget.count(-0.06, (0.0, 0.2, 0.0), DT)
+    assert budget.energy == pytest.approx(102e-3)
+    assert (budget.damping, budget.share) == (0.0, 1.0)
+
+
+def test_the_damping_grows_in_4_ms_and_goes_in_20():
+    budget = EnergyBudget()
+    budget.count(1.5e-3, ZERO, DT)
+    found = [budget.damping]
+    for _ in range(3):
+        budget.count(0.0, ZERO, DT)
+        found.append(budget.damping)
+    assert found == pytest.approx([0.25, 0.5, 0.75, 1.0])
+    budget.count(-1.5e-3, ZERO, DT)
+    found = [budget.damping]
+    for _ in range(19):
+        budget.count(0.0, ZERO, DT)
+        found.append(budget.damping)
+    assert found == pytest.approx(np.linspace(0.95, 0.0, 20), abs=1e-9)
+
+
 def note_for(budget, milliseconds):
     for _ in range(milliseconds):
         budget.note_wrench(DT)
