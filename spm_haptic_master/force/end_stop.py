@@ -16,6 +16,7 @@ so that a torque along -n or n pushes back. Within `end_stop` of an end, at a de
     torque = min(K, limit / end_stop) max(0, d + LEAD d'),        K = 2 N m/rad
 
 which is a spring with the damping K LEAD that never pulls. Without the damping it is conservative.
+A handle that moves towards the end meets it LEAD d' earlier.
 """
 
 from __future__ import annotations
@@ -58,7 +59,9 @@ class EndStop:
         self._stiffness = 0.0
         if self._begin:
             self._stiffness = min(STIFFNESS, limits.torque / self._begin)
-        self._ends = [LegEnds(leg, 2.0 * self._begin) for leg in geometry.legs]
+        # The fastest handle meets the wall this far from an end.
+        far = self._begin + LEAD * limits.speed
+        self._ends = [LegEnds(leg, far) for leg in geometry.legs]
 
     def torque(self, velocity: Vector[float] | None) -> Vector[float]:
         """

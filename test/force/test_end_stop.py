@@ -105,11 +105,12 @@ def test_the_wall_pushes_inwards_at_any_speed():
             assert more * (velocity @ inwards) <= 1e-12
 
 
-def alone_at_the_rim(seed):
+def alone_at_the_rim(seed, least_depth=0.0):
     """Return a pose at the rim in which one leg alone is near its end, and its depth, rad."""
-    for R in poses_at_the_rim(20, seed):
-        if np.count_nonzero(margins(R) < 2.0 * BEGIN) == 1:
-            return R, BEGIN - margins(R).min()
+    for R in poses_at_the_rim(40, seed):
+        depth = BEGIN - margins(R).min()
+        if np.count_nonzero(margins(R) < 2.0 * BEGIN) == 1 and depth > least_depth:
+            return R, depth
     raise AssertionError
 
 
@@ -132,6 +133,20 @@ def test_the_wall_is_a_spring_with_a_damping_of_5_ms(limits, stiffness):
         outwards = tuple((-speed * inwards).tolist())
         felt = torque(R, outwards) @ inwards
         assert felt == pytest.approx(stiffness * (depth + 5e-3 * speed))
+
+
+def test_a_fast_handle_meets_a_narrow_wall_without_a_step():
+    """At 5 rad/s a wall of 0.5 deg begins 25 mrad earlier, from zero; here at 2 deg or less."""
+    R, depth = alone_at_the_rim(8, math.radians(3.0))
+    narrow = math.radians(0.5)
+    margin = BEGIN - depth
+    torque = wall(end_stop=narrow)
+    push = wall()(R)
+    outwards = -push / np.linalg.norm(push)
+    for speed in np.linspace(0.0, 6.0, 61):
+        felt = np.linalg.norm(torque(R, tuple((speed * outwards).tolist())))
+        expected = 2.0 * max(0.0, narrow - margin + 5e-3 * speed)
+        assert felt == pytest.approx(expected, abs=1e-9)
 
 
 def test_there_is_no_wall_inside_nor_without_a_velocity_nor_where_it_is_switched_off():
