@@ -37,7 +37,7 @@ def emergency(at, code):
         (canopen.OPERATIONAL, heartbeat(99.9, canopen.PRE_OPERATIONAL), False),
         (canopen.OPERATIONAL, heartbeat(100.0, canopen.PRE_OPERATIONAL), True),
         (canopen.OPERATIONAL, heartbeat(101.49, canopen.PRE_OPERATIONAL), True),
-        (canopen.OPERATIONAL, heartbeat(101.51, canopen.PRE_OPERATIONAL), False),
+        (canopen.OPERATIONAL, heartbeat(101.5, canopen.PRE_OPERATIONAL), False),
         (canopen.OPERATIONAL, heartbeat(100.1, canopen.STOPPED), True),
         (canopen.OPERATIONAL, heartbeat(100.1, canopen.OPERATIONAL), False),
         # A reboot has another cause, and a node that was not operational cannot leave that state.
