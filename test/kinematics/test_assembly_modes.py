@@ -13,6 +13,7 @@ import pytest
 from readings import pose_of_zero
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
+from spm_haptic_master.kinematics import assembly_modes
 from spm_haptic_master.kinematics.leg_kernels import both_turns
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
@@ -220,3 +221,102 @@ def test_tracking_through_figure_10():
 def test_without_a_solution_the_nearest_turn_twice(equation, nearest):
     for t in both_turns(equation):
         assert abs(math.remainder(t - nearest, 2.0 * math.pi)) < 1e-12
+
+
+class CountedChain:
+    """A chain that counts how often its closures are evaluated."""
+
+    def __init__(self, chain):
+        self.chain = chain
+        self.evaluations = 0
+
+    def closures(self, th2a, th3a):
+        self.evaluations += 1
+        return self.chain.closures(th2a, th3a)
+
+
+def closed_chains(count):
+    """Return chains that close, with the passive angles of leg A for which they do."""
+    rng = np.random.default_rng(25)
+    found = []
+    while len(found) < count:
+        th1a, th2a, th3a = rng.uniform(-3.0, 3.0, 3)
+        R = nominal().chain(0, th1a, th2a, th3a)
+        try:
+            th1 = kinematics.inverse(R).theta1
+        except UnreachableError:
+            continue
+        th1[0] = th1a
+        chain = assembly_modes.checked_chain(th1, nominal().geometry)
+        if abs(kinematics.parallel_determinant(R)) > 0.1:
+            found.append((chain, th2a, th3a))
+    return found
+
+
+@pytest.mark.parametrize('chain, th2a, th3a', closed_chains(6))
+def test_newtons_method_needs_a_few_steps(chain, th2a, th3a):
+    """From 1 deg away each step squares the error: 1e-2, 1e-4, 1e-8, 1e-16."""
+    for away in ((0.02, 0.01), (-0.02, 0.015), (0.01, -0.02)):
+        counted = CountedChain(chain)
+        found2, found3, error, _ = assembly_modes.polish(counted, th2a + away[0], th3a + away[1])
+        assert (found2, found3) == pytest.approx((th2a, th3a), abs=1e-11)
+        assert error < assembly_modes.ROUNDING
+        assert counted.evaluations <= 8
+
+
+@pytest.mark.parametrize('chain, th2a, th3a', closed_chains(3))
+def test_the_rates_of_the_closures_are_their_differences(chain, th2a, th3a):
+    step = 1e-5
+    th2a += 0.3
+    b, b2, b3, c, c2, c3 = chain.closures(th2a, th3a)
+    after = np.array(chain.closures(th2a + step, th3a))
+    before = np.array(chain.closures(th2a - step, th3a))
+    assert (after - before)[[0, 3]] / (2.0 * step) == pytest.approx([b2, c2], abs=1e-8)
+    after = np.array(chain.closures(th2a, th3a + step))
+    before = np.array(chain.closures(th2a, th3a - step))
+    assert (after - before)[[0, 3]] / (2.0 * step) == pytest.approx([b3, c3], abs=1e-8)
+    *_, determinant = assembly_modes.polish(chain, th2a, th3a)
+    found2, found3, _, _ = assembly_modes.polish(chain, th2a, th3a)
+    _, b2, b3, _, c2, c3 = chain.closures(found2, found3)
+    assert determinant == pytest.approx(b2 * c3 - b3 * c2)
+
+
+@pytest.mark.parametrize('sizes', [(0.2, 0.5), (0.5, 0.2)])
+@pytest.mark.parametrize(('sine', 'count'), [(0.9e-3, 2), (1.1e-3, 1), (-1.1e-3, 1)])
+def test_equations_are_parallel_below_a_thousandth(sizes, sine, count):
+    """Then both solutions of the one that is better determined are tried."""
+    small, large = sizes
+    first = (small, 0.0, -0.5 * small)
+    second = (large * math.sqrt(1.0 - sine * sine), large * sine, -0.6 * large)
+    found = assembly_modes.common_turns(first, second)
+    assert len(found) == count
+    if count == 2:
+        # 0.5 or 0.6 is their cosine.
+        cosine = 0.5 if small > large else 0.6
+        for turn in found:
+            assert math.cos(turn) == pytest.approx(cosine, abs=2e-3)
+
+
+@pytest.mark.parametrize(('sine', 'cosine'), [(0.6, 0.8), (0.6, -0.8), (-0.6, -0.8)])
+def test_two_equations_have_their_common_turn(sine, cosine):
+    first = (1.0, 0.0, -cosine)
+    second = (0.3, 2.0, -0.3 * cosine - 2.0 * sine)
+    for equations in ((first, second), (second, first)):
+        (turn,) = assembly_modes.common_turns(*equations)
+        assert (math.cos(turn), math.sin(turn)) == pytest.approx((cosine, sine))
+        assert assembly_modes.eliminant(*equations) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize('scale', [1e-16, 1.0, 1e16])
+@pytest.mark.parametrize('scaled', [0, 1])
+def test_the_roots_are_those_of_equations_of_any_size(scaled, scale):
+    chain, _, _ = closed_chains(1)[0]
+    expected = assembly_modes.eliminant_roots(chain.turn_equations)
+
+    def equations(cosine, sine):
+        found = list(chain.turn_equations(cosine, sine))
+        found[scaled] = tuple(scale * part for part in found[scaled])
+        return found
+
+    roots = assembly_modes.eliminant_roots(equations)
+    assert sorted(roots) == pytest.approx(sorted(expected), abs=1e-6)
