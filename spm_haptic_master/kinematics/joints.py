@@ -63,15 +63,15 @@ class UsedSensors:
     sigma: tuple[float, ...]
     left_out: Collection[int] = ()
     # 1 / sigma^2 of the sensors in use (1 / rad^2); 0 for the others.
-    weights: tuple[float, float, float, float, float, float] = field(init=False, compare=False)
+    weights: tuple[float, float, float, float, float, float] = field(init=False)
     # Places of the sensors in use, in ascending order, their number and largest deviation (rad).
-    used: tuple[int, ...] = field(init=False, compare=False)
-    count: int = field(init=False, compare=False)
-    largest: float = field(init=False, compare=False)
+    used: tuple[int, ...] = field(init=False)
+    count: int = field(init=False)
+    largest: float = field(init=False)
     # Whether th1A, th1B, th1C and th3A are all in use.
-    usual: bool = field(init=False, compare=False)
+    usual: bool = field(init=False)
     # Number of mounted sensors on th3B and th3C.
-    further: int = field(init=False, compare=False)
+    further: int = field(init=False)
 
     def __post_init__(self) -> None:
         """Check the arguments and derive the other attributes."""

@@ -196,3 +196,113 @@ def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine(stamps, off
         scan.feed(sync(1.76e9 + stamp))
         assert number or scan.master_rate == 0.0
     assert scan.master_rate == pytest.approx(50.0, rel=off)
+
+
+def test_a_watch_shows_the_encoders_each_period_and_asks_for_their_errors_each_second(clock):
+    bus = Bus(clock)
+    scanner = BusScanner(bus, BusScan(), 100.0, False, lambda line: None)
+    shown = []
+    scanner.watch(2.5, lambda: shown.append(clock.now), 0.5, (3, 4))
+    assert shown == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0], abs=0.02)
+    asked = [(message.arbitration_id, message.data[1:4].hex()) for _, message in bus.sent]
+    assert asked == [(0x603, '011000'), (0x604, '011000')] * 3
+    assert [at for at, _ in bus.sent[::2]] == pytest.approx([0.0, 1.0, 2.0], abs=0.02)
+
+
+SERIAL = canopen.SERIAL_NUMBER
+TYPE = canopen.DEVICE_TYPE
+VENDOR = canopen.VENDOR_ID
+
+
+@pytest.mark.parametrize(
+    ('asked', 'answered', 'devices'),
+    [
+        ([], [], 1),
+        ([TYPE], [(TYPE, 0x10196)], 1),
+        # Two answers to one request; and to two requests.
+        ([TYPE], [(TYPE, 0x10196)] * 2, 2),
+        ([TYPE, TYPE], [(TYPE, 0x10196)] * 2, 1),
+        ([TYPE, TYPE], [(TYPE, 0x10196)] * 3, 1),
+        ([TYPE, TYPE], [(TYPE, 0x10196)] * 4, 2),
+        # Three of them answer one request each, and one has another.
+        ([TYPE, VENDOR], [(TYPE, 1), (VENDOR, 2), (VENDOR, 2), (VENDOR, 2)], 3),
+        # Two serial numbers, of two devices that each missed one of two requests.
+        ([SERIAL, SERIAL], [(SERIAL, 7), (SERIAL, 8)], 2),
+        ([SERIAL, SERIAL], [(SERIAL, 7), (SERIAL, 7)], 1),
+        # Others ask for the error register, too; a request that was not recorded is one.
+        ([], [(canopen.ERROR_REGISTER, 0)] * 2, 1),
+        ([], [(TYPE, 1)] * 2, 2),
+    ],
+)
+def test_answers_show_how_many_devices_have_a_node_id(asked, answered, devices):
+    scan = BusScan()
+    scan.feed(canopen.frame(0x705, b'\x05'))
+    for key in asked:
+        scan.asked(5, key)
+    for key, value in answered:
+        scan.feed(canopen.sdo_answer(5, *key, value))
+    assert scan.nodes[5].devices == devices
+
+
+def test_refusals_count_as_answers_and_have_no_value():
+    scan = BusScan()
+    for _ in range(2):
+        scan.feed(canopen.sdo(0x585, canopen.SDO_ABORT, *VENDOR, canopen.SDO_NO_SUCH_OBJECT))
+        scan.feed(canopen.sdo(0x585, canopen.SDO_DOWNLOAD_ANSWER, *TYPE))
+    node = scan.nodes[5]
+    assert node.devices == 2
+    assert node.answers == {VENDOR: 2}
+    assert node.objects == {}
+
+
+def test_a_request_to_a_node_that_was_never_heard_is_not_recorded():
+    scan = BusScan()
+    scan.asked(5, TYPE)
+    assert scan.nodes == {}
+
+
+@pytest.mark.parametrize(
+    ('stamps', 'rate'), [([1.0], 0.0), ([1.0, 1.0], 0.0), ([1.0, 1.1, 1.5], 4.0)]
+)
+def test_the_rate_of_a_frame_is_from_its_first_to_its_latest(stamps, rate):
+    scan = BusScan()
+    for stamp in stamps:
+        scan.feed(canopen.frame(0x123, bytes(3), stamp))
+    heard = scan.frames[False, 0x123]
+    assert (heard.first, heard.last, heard.count) == (stamps[0], stamps[-1], len(stamps))
+    assert heard.lengths == {3}
+    assert heard.rate == pytest.approx(rate)
+
+
+def test_a_frame_knows_the_syncs_before_it():
+    scan = BusScan()
+    for identifier in (0x80, 0x181, 0x80, 0x182, 0x181):
+        scan.feed(canopen.frame(identifier, stamp=1.0))
+    scan.sent_sync(2.0)
+    assert scan.cycles == 3
+    assert scan.frames[False, 0x181].first_cycle == 1
+    assert scan.frames[False, 0x182].first_cycle == 2
+
+
+def test_a_node_is_heard_by_its_own_frames_and_nothing_else():
+    scan = BusScan()
+    for identifier, data in ((0x705, b'\x84'), (0x700, b'\x05'), (0x185, b'\x05'), (0x605, b'')):
+        scan.feed(canopen.frame(identifier, data))
+    extended = can.Message(arbitration_id=0x706, data=b'\x05', is_extended_id=True)
+    scan.feed(extended)
+    assert set(scan.nodes) == {5}
+    node = scan.nodes[5]
+    # Bit 7 is the toggle bit of node guarding.
+    assert (node.state, node.boot_ups, node.profile) == (canopen.STOPPED, 0, None)
+    # Requests and answers by SDO are not among the frames.
+    assert set(scan.frames) == {(False, 0x705), (False, 0x700), (False, 0x185), (True, 0x706)}
+
+
+def test_the_period_of_a_heartbeat_is_that_of_the_latest_two():
+    scan = BusScan()
+    periods = []
+    for stamp in (1.0, 1.5, 1.6):
+        scan.feed(canopen.frame(0x705, b'\x00', stamp))
+        periods.append(scan.nodes[5].heartbeat_period)
+    assert periods == [None, pytest.approx(0.5), pytest.approx(0.1)]
+    assert scan.nodes[5].boot_ups == 3
