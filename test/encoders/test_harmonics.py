@@ -47,6 +47,12 @@ def test_a_table_is_exact_for_the_orders_below_half_its_length(count):
     )
 
 
+def test_without_a_table_there_is_the_first_order_alone():
+    found = Harmonics(*FIRST).readings(ANGLES)
+    expected = ANGLES + series(ANGLES, (1, *FIRST))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+
+
 def test_angles_and_readings_are_inverse():
     harmonics = Harmonics(0.1, -0.05, tuple(np.random.default_rng(1).normal(0.0, 0.005, 16)))
     np.testing.assert_allclose(

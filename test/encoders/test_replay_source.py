@@ -206,3 +206,11 @@ def test_a_wait_of_fifty_milliseconds_is_a_gap(replay, clock, cycles, is_gap):
     source.read(1.0)
     assert source.read(0.0) is None
     assert (source.fault is not None) is is_gap
+
+
+def test_before_the_first_set_there_is_no_gap(replay, clock):
+    """Other frames come all the time, the first set after a tenth of a second."""
+    others = [canopen.frame(0x123, stamp=T0 + 0.01 * number) for number in range(10)]
+    source = replay([*others, *cycle(100)], 1.0)
+    assert source.read(0.0) is None
+    assert source.fault is None

@@ -3,7 +3,7 @@
 
 """Every orientation that some readings allow, and the one near another orientation."""
 
-from built_mechanism import nominal
+from built_mechanism import nominal, random_built
 from mechanism import angle_between, MODES, random_rotations, turn
 import numpy as np
 import pytest
@@ -99,23 +99,38 @@ def test_from_near_an_orientation_its_solution_is_found(used):
     assert angle_between(kinematics.matrix_from_quaternion(found.quaternion), POSE) < 1e-8
 
 
-def beyond_leg_c():
+def beyond_leg_c(built):
     """Return an orientation that legs A and B reach with some room, and leg C does not."""
     rotations = random_rotations(np.random.default_rng(12), 1000)
-    reach = nominal().margins(rotations)
+    reach = built.margins(rotations)
     is_beyond = (reach[:, :2].min(-1) > 0.2) & (reach[:, 2] < -0.05)
     return rotations[is_beyond][0]
 
 
-def test_a_leg_without_a_sensor_has_to_reach_the_orientation():
-    R = beyond_leg_c()
+@pytest.mark.parametrize('built', [nominal(), nominal(1.1, 1.0, 0.9), nominal(0.8, 0.9, 0.7)])
+def test_a_leg_without_a_sensor_has_to_reach_the_orientation(built):
+    R = beyond_leg_c(built)
+    g = built.geometry
     rows = tuple(R.ravel().tolist())
-    th1a, _, th3a = leg_angles(rows, PAPER.legs[0], 1, FLOATS)
-    th1b, _, _ = leg_angles(rows, PAPER.legs[1], 1, FLOATS)
+    th1a, _, th3a = leg_angles(rows, g.legs[0], 1, FLOATS)
+    th1b, _, _ = leg_angles(rows, g.legs[1], 1, FLOATS)
     readings = (th1a, th1b, np.nan, th3a, np.nan, np.nan)
     sensors = used_sensors(0, 1, 3)
     with pytest.raises(UnreachableError, match='leg C does not reach the orientation'):
-        fit_near(quaternion(R), readings, sensors, PAPER, MODE)
-    for solution in all_solutions(readings, sensors, PAPER, MODE):
+        fit_near(quaternion(R), readings, sensors, g, MODE)
+    for solution in all_solutions(readings, sensors, g, MODE):
         matrix = kinematics.matrix_from_quaternion(solution.quaternion)
-        assert nominal().margins(matrix)[2] > -1e-6
+        assert built.margins(matrix)[2] > -1e-3
+
+
+@pytest.mark.parametrize('used', USED)
+def test_the_legs_of_a_mechanism_as_built_are_all_different(used):
+    rng = np.random.default_rng(31)
+    built = random_built(rng)
+    g = built.geometry
+    R = built.reachable_rotation(rng, slack=0.2)
+    readings = np.full(6, np.nan)
+    readings[list(used)] = all_angles(R, g)[list(used)]
+    found = all_solutions(tuple(readings.tolist()), used_sensors(*used), g, MODE)
+    matrices = [kinematics.matrix_from_quaternion(solution.quaternion) for solution in found]
+    assert min(angle_between(R, matrix) for matrix in matrices) < 1e-7
