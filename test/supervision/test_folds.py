@@ -157,6 +157,11 @@ def test_a_turn_may_reach_it_from_half_the_way_on():
     bent.folds.restart()
     assert not bent.folds.may_reach(0, 100.0)
     assert not bent.folds.may_reach_any(100.0)
+    # Where nothing bends none is expected.
+    bent = Bent([0.01], [0.1], [0.0])
+    bent.sizes = (0.0,)
+    bent.at(0.0)
+    assert not bent.folds.may_reach_any(100.0)
     # Exactly half of it is not expected.
     bent = Bent([0.01], [1.0], [1.0])
     bent.sizes = (0.0,)
@@ -183,6 +188,7 @@ TENTH = 0.05 / (4.0 * 2.0 * 16.0 * 0.1)
         ([9.0 * TENTH, TENTH], [0.0, 0.0], 0.02),
         # Of what is left to the fold.
         ([TENTH, 1e-6], [0.25 / (8.0 * TENTH), 0.0], 0.075),
+        ([0.5 * TENTH, 1e-6], [0.25 / (4.0 * TENTH), 0.0], 0.15),
         # One that is not checked does not matter.
         ([inf, TENTH], [0.0, 0.0], 0.1),
     ],

@@ -7,6 +7,7 @@ from math import cos, inf, radians, sin, sqrt
 from types import SimpleNamespace
 
 import pytest
+from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.supervision.rivals import Rivals
 from spm_haptic_master.supervision.sample import Place, Sample
 
@@ -55,6 +56,7 @@ class World:
         self.fault_deviation = 0.0
         self.readings = [0.1] * count
         self.factor = 1.0
+        self.is_in_reach = True
         self.on_trial = {}
         self.searches = []
         # Curvatures of the parity, and the turns behind a fold from which others are looked for.
@@ -82,6 +84,8 @@ class World:
         self.rivals = Rivals(sensors, count, SPEED, ACCELERATION)
 
     def implied(self, found, sensor, sample):
+        if not self.is_in_reach:
+            raise UnreachableError('leg')
         return SimpleNamespace(fault=self.fault, deviation=self.fault_deviation, bias=1e-3)
 
     def turned_by_fault(self, estimate, sensor, turn):
@@ -253,6 +257,16 @@ def test_a_step_may_lead_to_a_rival_from_half_its_least_size_on(fault, deviation
     assert world.rivals.unseen_steps == {1: pytest.approx(0.5 * least), 3: 0.0}
 
 
+def test_at_the_edge_of_a_legs_reach_any_step_may_lead_to_a_rival():
+    world = known(_1=(1.0,))
+    assert world.rivals.unseen_steps[1] > 0.2
+    world.is_in_reach = False
+    for step in range(1, 4):
+        world.others = {1: (1.0 + 0.009 * step,)}
+        world.follow(0.009 * step)
+    assert world.rivals.unseen_steps == {1: 0.0}
+
+
 def test_while_a_rival_is_lost_any_step_may_lead_to_it():
     world = World()
     world.follow()
@@ -362,6 +376,8 @@ def test_a_fast_turn_may_have_left_the_truth_where_it_was(turn, is_lost):
     parts = world.follow(turn)
     assert parts[1] == (beyond(turn) if is_lost else 0.001)
     assert parts[0] == 0.001
+    # Behind no fold nothing is looked for.
+    assert world.turns == []
 
 
 @pytest.mark.parametrize(('gap', 'is_lost'), [(2.5, False), (2.6, True)])
@@ -399,7 +415,8 @@ def test_that_reach_is_from_the_last_sample_before_the_gap():
         world.follow()
     world.others = {2: (1.5,)}
     shown = [world.follow(after=20)[2] for _ in range(3)]
-    assert shown == [inf] * 3
+    shown += [world.follow()[2] for _ in range(10)]
+    assert shown == [inf] * 13
 
 
 @pytest.mark.parametrize(
@@ -413,7 +430,7 @@ def test_that_reach_is_from_the_last_sample_before_the_gap():
 def test_a_sensor_that_was_hidden_while_the_platform_turned_may_have_a_rival(turn, part, is_lost):
     world = known()
     hidden_from = world.now
-    world.part[1] = part
+    world.part[1:3] = [part, inf]
     for step in range(1, 6):
         world.follow(0.2 * step * turn)
     # If it is wrong, the truth may be where it became hidden.
@@ -446,7 +463,7 @@ def test_through_samples_that_are_not_consistent_a_rival_goes_on_without_its_sen
 
 @pytest.mark.parametrize(('places', 'is_anywhere'), [(4, False), (5, True)])
 def test_with_more_than_four_places_the_truth_may_be_anywhere(places, is_anywhere):
-    world = known()
+    world = known(_3=(1.0,))
     for step in range(1, places + 1):
         world.part[1] = inf
         world.follow(0.05 * step)
@@ -456,6 +473,7 @@ def test_with_more_than_four_places_the_truth_may_be_anywhere(places, is_anywher
     for _ in range(30):
         parts = world.follow()
     assert parts[1] == (beyond(2.0 - 0.05 * places) if is_anywhere else PART)
+    assert parts[3] == beyond(1.0 - 0.05 * places)
     # It is searched for thrice then, as at the start.
     assert world.searches[before:] == ([1, 1, 1] if is_anywhere else [1])
 
@@ -470,6 +488,20 @@ def test_with_other_sensors_those_with_rivals_may_have_more():
     assert parts[2] == beyond(2.0)
     # The sensor that is not in use has none.
     assert parts[3] == PART
+
+
+def test_what_was_hidden_stays_so_while_another_is_not_in_use():
+    world = known()
+    world.part[1] = 1.01 * LIMIT
+    world.follow()
+    world.used.places = (0, 1, 2)
+    for step in range(1, 6):
+        world.follow(0.009 * step)
+    world.part[1] = PART
+    world.others = {1: (0.1,)}
+    for _ in range(10):
+        parts = world.follow()
+    assert parts[1] == beyond(0.1 - 0.045)
 
 
 @pytest.mark.parametrize(('turn', 'is_lost'), [(0.012, False), (0.013, True)])
@@ -541,7 +573,9 @@ def test_bad_samples_are_no_gap_for_a_rival():
         world.rivals.follow_inconsistent(world.sample())
     # The others have taken over.
     world.rivals.last = world.place(0.0)
+    before = len(world.searches)
     assert world.follow()[2] == beyond(1.0)
+    assert len(world.searches) == before
 
 
 # Trials ---------------------------------------------------------------------------------------
@@ -669,3 +703,15 @@ def test_after_a_restart_the_platform_may_be_as_fast_as_a_human():
         world.follow()
         assert world.turns == looked_for(expected)
         world.rivals.restart()
+
+
+def test_a_sensor_that_is_not_checked_has_no_fold_behind_which_it_is_lost():
+    world = bent(ACCELERATION * 1e-6)
+    world.part[3] = inf
+    for _ in range(6):
+        world.follow()
+    world.part[3] = PART
+    world.others = {3: (2.0,)}
+    for _ in range(30):
+        parts = world.follow()
+    assert parts[3] == PART
