@@ -317,9 +317,14 @@ def test_a_sensor_is_too_noisy_whose_noise_alone_exceeds_its_part():
     assert symptom.detail == f'{degrees(1.01 * least * SIGMA):.2f} deg'
 
 
-def test_noise_as_configured_is_never_too_much():
-    """Whatever its part."""
+def test_half_as_much_noise_again_is_too_much_of_a_sensor_that_turns_the_orientation_alone():
+    """Noise as configured never is."""
     case = Case(6)
-    case.set.solve(case.sample())
-    case.set.estimate = replace(case.estimate, gain_sizes=(1e9,) * 6)
+    case.set.estimate = replace(
+        case.estimate,
+        gain_sizes=(1.0,) + (1e-6,) * 5,
+        parity_sizes=(1e6,) * 6,
+        covariance=(SIGMA**2,) + (0.0,) * 8,
+    )
     assert case.set.too_noisy(case.sample(factors=1.0)) is None
+    assert case.set.too_noisy(case.sample(factors=1.5)).sensor == 0

@@ -59,6 +59,8 @@ class Mounted:
         self.count = count
         self.solver = Agreement()
         self.places = {}
+        self.factors = [1.0] * count
+        self.here = HERE
         self.now = BEGIN
         limits = product_limits(**LIMITS | limits)
         self.sensors = SensorsInUse(self.solver, (SIGMA,) * count, limits)
@@ -76,7 +78,7 @@ class Mounted:
             angles=(0.1,) * self.count,
             prior=Place(self.now - MS, HERE),
             bias=(1e-4,) * self.count,
-            factors=(1.0,) * self.count,
+            factors=tuple(self.factors),
             period=1e-3,
         )
 
@@ -91,7 +93,7 @@ class Mounted:
         """Let samples with which those in use agree follow; return the last symptom."""
         for _ in range(count):
             self.now += MS
-            here = Place(self.now, HERE)
+            here = Place(self.now, self.here)
             sample = self.sample()
             symptom = self.sensors.readmit(sample, here, alert_limit, returned.__contains__)
         return symptom
@@ -154,6 +156,12 @@ def test_fewer_than_four_readings_do_not_suffice(count, missing, words, first):
         assert cause.reason is Reason.MISSING
         assert cause.severity is Severity.WITHHOLD
         assert cause.detail.endswith(' rad')
+
+
+def test_four_have_to_be_read_even_where_three_may_go_on():
+    mounted = Mounted(6, fewest_sensors=3)
+    assert mounted.read(2, 4) is None
+    assert mounted.read(2, 4, 5).sensor == 2
 
 
 @pytest.mark.parametrize(('fewest', 'suffices'), [(3, True), (4, False), (5, False)])
@@ -280,6 +288,15 @@ def test_an_excluded_sensor_is_named_and_ends_the_trials():
     assert mounted.sensors.passing(stamp, BEGIN + 9 * MS) == [2]
 
 
+def test_of_three_sensors_in_use_none_is_left_out_but_for_another():
+    mounted = Mounted(4, fewest_sensors=3)
+    mounted.sensors.exclude(1)
+    stamp = mounted.try_others(20)
+    assert mounted.sensors.is_trying
+    assert mounted.sensors.passing(stamp, 0) == []
+    assert mounted.sensors.standing(stamp, 0) == []
+
+
 @pytest.mark.parametrize('mistaken', [False, True])
 def test_one_sensor_replaces_another_once_a_single_set_has_agreed_for_long(mistaken):
     """Joint 1 healed, and joint 2 failed."""
@@ -310,7 +327,9 @@ def test_a_sensor_is_used_again_once_it_has_agreed_for_its_time():
     assert sensors.used.places == (0, 1, 2, 3, 4, 5)
 
 
-@pytest.mark.parametrize('spoil', ['disagrees', 'unchecked', 'missing', 'restart'])
+@pytest.mark.parametrize(
+    'spoil', ['disagrees', 'unchecked', 'missing', 'restart', 'elsewhere', 'noisy']
+)
 def test_its_time_begins_again_where_it_is_not_seen_to_agree(spoil):
     mounted = Mounted(6)
     sensors = mounted.sensors
@@ -326,12 +345,29 @@ def test_its_time_begins_again_where_it_is_not_seen_to_agree(spoil):
         mounted.read(1, count=3)
         mounted.readmit()
         mounted.read()
+    elif spoil == 'elsewhere':
+        # The orientation of those in use is another one.
+        mounted.here = (0.0, 0.0, 0.0, 1.0)
+        mounted.readmit()
+        mounted.here = HERE
+    elif spoil == 'noisy':
+        mounted.factors[1] = 50.0
+        mounted.readmit()
+        mounted.factors[1] = 1.0
     else:
         sensors.restart()
     mounted.readmit(20)
     assert sensors.words == 'joint_1b excluded'
     mounted.readmit()
     assert sensors.words == ''
+
+
+def test_the_noise_of_another_sensor_does_not_matter():
+    mounted = Mounted(6)
+    mounted.sensors.exclude(1)
+    mounted.factors[2] = 50.0
+    mounted.readmit(21)
+    assert mounted.sensors.words == ''
 
 
 def test_a_missing_sensor_is_not_tried():
@@ -373,6 +409,19 @@ def test_one_that_had_come_back_to_three_and_disagrees_contradicts_them(
         assert symptom.severity is Severity.LATCH
         assert symptom.sensor is None
         assert symptom.detail.startswith('joint_1b had come back')
+
+
+def test_a_restart_forgets_the_samples_of_every_set():
+    mounted = Mounted(5, window=0.02)
+    used = mounted.sensors.used
+    used.solve(mounted.sample())
+    before = used.parts(used.worth)
+    for _ in range(20):
+        mounted.now += MS
+        used.solve(mounted.sample())
+    assert max(used.parts(used.worth)) < max(before)
+    mounted.sensors.restart()
+    assert used.parts(used.worth) == pytest.approx(before, rel=1e-3)
 
 
 def test_a_restart_ends_all_trials():
