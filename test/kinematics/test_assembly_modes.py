@@ -223,6 +223,11 @@ def test_without_a_solution_the_nearest_turn_twice(equation, nearest):
         assert abs(math.remainder(t - nearest, 2.0 * math.pi)) < 1e-12
 
 
+def test_an_equation_without_an_angle_has_two_opposite_turns():
+    one, other = both_turns((0.0, 0.0, 0.5))
+    assert other - one == pytest.approx(math.pi)
+
+
 class CountedChain:
     """A chain that counts how often its closures are evaluated."""
 

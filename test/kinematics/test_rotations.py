@@ -193,3 +193,55 @@ def test_slope_of_what_is_in_the_window(origin):
         velocity.add(origin + stamp, (x, y, z, 1.0))
     slope, _ = np.polyfit(1e-9 * stamps[1:], vectors[1:], 1)
     np.testing.assert_allclose(velocity.value(), slope, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    'vector',
+    [
+        (0.0, 0.0, 0.0),
+        (1e-9, -2e-9, 0.0),
+        (0.3, -0.2, 0.5),
+        (0.0, 3.1, 0.0),
+        (-2.0, 1.0, 1.5),
+    ],
+)
+def test_the_rotation_vector_of_a_quaternion_of_either_sign(vector):
+    q = rotations.quaternion_from_vector(*vector)
+    opposite = tuple(-part for part in q)
+    for same in (q, opposite):
+        assert rotations.vector_from_quaternion(*same) == pytest.approx(vector, abs=1e-15)
+    # From one orientation to another it is in the base frame.
+    start = rotations.zxz_quaternion(0.3, 0.4, 0.5)
+    turned = rotations.multiply_quaternions(q, start)
+    assert rotations.rotation_between(start, turned) == pytest.approx(vector, abs=2e-15)
+
+
+def test_beyond_half_a_turn_the_rotation_vector_is_the_shorter_one():
+    q = rotations.quaternion_from_vector(0.0, 0.0, 4.0)
+    expected = (0.0, 0.0, 4.0 - 2.0 * math.pi)
+    assert rotations.vector_from_quaternion(*q) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    'apart, angle, is_within',
+    [
+        (0.0, 1e-7, True),
+        (0.05, 0.0499, False),
+        (0.05, 0.0501, True),
+        (0.3, 0.2995, False),
+        (0.3, 0.3005, True),
+        (2.0, 1.999, False),
+        (2.0, 2.001, True),
+        (3.1, 3.0, False),
+        # No two orientations are further apart than half a turn.
+        (3.14, 3.2, True),
+        (3.14, 5.0, True),
+    ],
+)
+def test_orientations_are_within_an_angle(apart, angle, is_within):
+    p = rotations.zxz_quaternion(0.3, 0.4, 0.5)
+    vector = 0.36 * apart, -0.48 * apart, 0.8 * apart
+    turned = rotations.multiply_quaternions(rotations.quaternion_from_vector(*vector), p)
+    opposite = tuple(-part for part in turned)
+    for q in (turned, opposite):
+        assert rotations.is_within(p, q, angle) is is_within

@@ -3,6 +3,9 @@
 
 """Every orientation that some readings allow, and the one near another orientation."""
 
+from contextlib import nullcontext
+import math
+
 from built_mechanism import nominal, random_built
 from mechanism import angle_between, MODES, random_rotations, turn
 import numpy as np
@@ -10,12 +13,13 @@ import pytest
 from readings import all_angles, PAPER, UNEQUAL, wrapped
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.kinematics.estimation.gauss_newton import MODE_MARGIN
 from spm_haptic_master.kinematics.estimation.solutions import (
     all_solutions,
     fit_near,
     SAME_SOLUTION,
 )
-from spm_haptic_master.kinematics.leg_kernels import leg_angles
+from spm_haptic_master.kinematics.leg_kernels import leg_angles, squared_sine
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
 MODE = (1, 1, 1)
@@ -134,3 +138,38 @@ def test_the_legs_of_a_mechanism_as_built_are_all_different(used):
     found = all_solutions(tuple(readings.tolist()), used_sensors(*used), g, MODE)
     matrices = [kinematics.matrix_from_quaternion(solution.quaternion) for solution in found]
     assert min(angle_between(R, matrix) for matrix in matrices) < 1e-7
+
+
+@pytest.mark.parametrize(('least', 'most', 'is_reached'), [(0.5, 0.9, True), (1.1, 1.5, False)])
+def test_noise_may_take_a_leg_without_a_sensor_a_little_beyond_its_reach(least, most, is_reached):
+    """B_kk squared, of the leg, is negative there; MODE_MARGIN is the size of its noise."""
+    built = nominal(0.8, 0.9, 0.7)
+    g = built.geometry
+    rotations = random_rotations(np.random.default_rng(3), 20000)
+    beyond = -(g.legs[2].sin_alpha ** 2) * squared_sine(
+        tuple(rotations.reshape(-1, 9).T), g.legs[2]
+    )
+    is_chosen = (beyond > least * MODE_MARGIN**2) & (beyond < most * MODE_MARGIN**2)
+    is_chosen &= built.margins(rotations)[:, :2].min(-1) > 0.2
+    R = rotations[is_chosen][0]
+    rows = tuple(R.ravel().tolist())
+    th1a, _, th3a = leg_angles(rows, g.legs[0], 1, FLOATS)
+    th1b, _, _ = leg_angles(rows, g.legs[1], 1, FLOATS)
+    readings = (th1a, th1b, np.nan, th3a, np.nan, np.nan)
+    refused = pytest.raises(UnreachableError, match='leg C does not reach')
+    with nullcontext() if is_reached else refused:
+        found = fit_near(quaternion(R), readings, used_sensors(0, 1, 3), g, MODE)
+        assert angle_between(kinematics.matrix_from_quaternion(found.quaternion), R) < 1e-8
+
+
+@pytest.mark.parametrize('leg', range(3))
+def test_the_squared_sine_of_a_leg_is_that_of_its_second_joint(leg):
+    rng = np.random.default_rng(32)
+    for _ in range(5):
+        built = random_built(rng)
+        beta = built.geometry.legs[leg].cos_beta
+        for th2 in (0.3, -1.2, 2.5):
+            R = built.chain(leg, 0.4, th2, -0.9)
+            expected = (1.0 - beta**2) * math.sin(th2) ** 2
+            found = squared_sine(tuple(R.ravel().tolist()), built.geometry.legs[leg])
+            assert found == pytest.approx(expected)
