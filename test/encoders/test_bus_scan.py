@@ -217,21 +217,65 @@ VENDOR = canopen.VENDOR_ID
 @pytest.mark.parametrize(
     ('asked', 'answered', 'devices'),
     [
-        ([], [], 1),
-        ([TYPE], [(TYPE, 0x10196)], 1),
+        (
+            [],
+            [],
+            1,
+        ),
+        (
+            [TYPE],
+            [(TYPE, 0x10196)],
+            1,
+        ),
         # Two answers to one request; and to two requests.
-        ([TYPE], [(TYPE, 0x10196)] * 2, 2),
-        ([TYPE, TYPE], [(TYPE, 0x10196)] * 2, 1),
-        ([TYPE, TYPE], [(TYPE, 0x10196)] * 3, 1),
-        ([TYPE, TYPE], [(TYPE, 0x10196)] * 4, 2),
+        (
+            [TYPE],
+            [(TYPE, 0x10196)] * 2,
+            2,
+        ),
+        (
+            [TYPE, TYPE],
+            [(TYPE, 0x10196)] * 2,
+            1,
+        ),
+        (
+            [TYPE, TYPE],
+            [(TYPE, 0x10196)] * 3,
+            1,
+        ),
+        (
+            [TYPE, TYPE],
+            [(TYPE, 0x10196)] * 4,
+            2,
+        ),
         # Three of them answer one request each, and one has another.
-        ([TYPE, VENDOR], [(TYPE, 1), (VENDOR, 2), (VENDOR, 2), (VENDOR, 2)], 3),
+        (
+            [TYPE, VENDOR],
+            [(TYPE, 1), (VENDOR, 2), (VENDOR, 2), (VENDOR, 2)],
+            3,
+        ),
         # Two serial numbers, of two devices that each missed one of two requests.
-        ([SERIAL, SERIAL], [(SERIAL, 7), (SERIAL, 8)], 2),
-        ([SERIAL, SERIAL], [(SERIAL, 7), (SERIAL, 7)], 1),
+        (
+            [SERIAL, SERIAL],
+            [(SERIAL, 7), (SERIAL, 8)],
+            2,
+        ),
+        (
+            [SERIAL, SERIAL],
+            [(SERIAL, 7), (SERIAL, 7)],
+            1,
+        ),
         # Others ask for the error register, too; a request that was not recorded is one.
-        ([], [(canopen.ERROR_REGISTER, 0)] * 2, 1),
-        ([], [(TYPE, 1)] * 2, 2),
+        (
+            [],
+            [(canopen.ERROR_REGISTER, 0)] * 2,
+            1,
+        ),
+        (
+            [],
+            [(TYPE, 1)] * 2,
+            2,
+        ),
     ],
 )
 def test_answers_show_how_many_devices_have_a_node_id(asked, answered, devices):

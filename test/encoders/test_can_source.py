@@ -90,7 +90,13 @@ def test_a_bus_that_dies_without_a_word_is_opened_again(rig):
     assert len(run(driver, 5.1)) == 2
 
 
-@pytest.mark.parametrize(('start', 'again'), [(T0, T0), (5000.0, 1.0)])
+@pytest.mark.parametrize(
+    ('start', 'again'),
+    [
+        (T0, T0),
+        (5000.0, 1.0),
+    ],
+)
 def test_a_reopened_bus_starts_a_new_cycle_and_a_new_clock(rig, start, again):
     """No answer joins a SYNC from before the break; a device may count from another start."""
     first = cycles(0.01, 2)[:8]
@@ -303,7 +309,13 @@ def test_a_producer_hears_syncs_and_opens_cycles_before_other_frames(producing):
     ]
 
 
-@pytest.mark.parametrize(('left_out', 'attempts'), [(True, 1), (False, 3)])
+@pytest.mark.parametrize(
+    ('left_out', 'attempts'),
+    [
+        (True, 1),
+        (False, 3),
+    ],
+)
 def test_no_sync_is_left_out_any_more_where_a_node_minded_one(producing, left_out, attempts):
     driver, producer = producing(
         [

@@ -126,7 +126,13 @@ def test_the_answers_of_a_node_are_kept(answer, register, serial, next_wanted):
     assert node.wanted(0.0) == next_wanted
 
 
-@pytest.mark.parametrize(('register', 'wanted'), [(0x10, REGISTER), (0, None)])
+@pytest.mark.parametrize(
+    ('register', 'wanted'),
+    [
+        (0x10, REGISTER),
+        (0, None),
+    ],
+)
 def test_a_node_with_an_error_is_asked_until_it_has_none(register, wanted):
     node = nodes_of(
         canopen.sdo_answer(1, *REGISTER, register, 1),

@@ -118,7 +118,13 @@ def test_an_answer_is_taken_within_its_window(given, longest):
         assert len(feed(decoder(**given), messages)) == count
 
 
-@pytest.mark.parametrize(('excess', 'fits'), [(0.9e-5, True), (1.1e-5, False)])
+@pytest.mark.parametrize(
+    ('excess', 'fits'),
+    [
+        (0.9e-5, True),
+        (1.1e-5, False),
+    ],
+)
 def test_a_window_of_three_periods_may_be_rounded(excess, fits):
     refused = pytest.raises(SettingError, match="'encoders.window'")
     with nullcontext() if fits else refused:

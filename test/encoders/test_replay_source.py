@@ -200,7 +200,13 @@ def test_a_recording_without_any_set_is_refused(replay):
         list(replay([canopen.frame(0x123, stamp=T0)] * 2).recorded())
 
 
-@pytest.mark.parametrize(('cycles', 'is_gap'), [(49, False), (51, True)])
+@pytest.mark.parametrize(
+    ('cycles', 'is_gap'),
+    [
+        (49, False),
+        (51, True),
+    ],
+)
 def test_a_wait_of_fifty_milliseconds_is_a_gap(replay, clock, cycles, is_gap):
     source = replay(stream(0, cycles), 1.0)
     source.read(1.0)

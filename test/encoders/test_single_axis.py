@@ -117,7 +117,13 @@ def spoken_at(axis, *places):
     return spoken
 
 
-@pytest.mark.parametrize(('rate', 'settled'), [(1000.0, 0.033), (100.0, 0.06)])
+@pytest.mark.parametrize(
+    ('rate', 'settled'),
+    [
+        (1000.0, 0.033),
+        (100.0, 0.06),
+    ],
+)
 def test_a_slide_has_settled_three_periods_and_30_ms_after_a_jump(rate, settled):
     axis = axis_of(rate=rate)
     jump = (0.0, 0.1), (0.001, 0.12)
@@ -146,7 +152,13 @@ def test_a_slide_that_is_faster_than_its_limit_has_no_reading(seconds, metres, g
 
 
 @pytest.mark.parametrize(
-    ('counts', 'position'), [(0, 500.0), (499, 1.0), (501, -1.0), (500 - (1 << 31), -(2.0**31))]
+    ('counts', 'position'),
+    [
+        (0, 500.0),
+        (499, 1.0),
+        (501, -1.0),
+        (500 - (1 << 31), -(2.0**31)),
+    ],
 )
 def test_a_slide_that_is_calibrated_reads_its_counts_whatever_they_are(counts, position):
     axis = axis_of()

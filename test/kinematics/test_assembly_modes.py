@@ -286,8 +286,21 @@ def test_the_rates_of_the_closures_are_their_differences(chain, th2a, th3a):
     assert determinant == pytest.approx(b2 * c3 - b3 * c2)
 
 
-@pytest.mark.parametrize('sizes', [(0.2, 0.5), (0.5, 0.2)])
-@pytest.mark.parametrize(('sine', 'count'), [(0.9e-3, 2), (1.1e-3, 1), (-1.1e-3, 1)])
+@pytest.mark.parametrize(
+    'sizes',
+    [
+        (0.2, 0.5),
+        (0.5, 0.2),
+    ],
+)
+@pytest.mark.parametrize(
+    ('sine', 'count'),
+    [
+        (0.9e-3, 2),
+        (1.1e-3, 1),
+        (-1.1e-3, 1),
+    ],
+)
 def test_equations_are_parallel_below_a_thousandth(sizes, sine, count):
     """Then both solutions of the one that is better determined are tried."""
     small, large = sizes
@@ -302,7 +315,14 @@ def test_equations_are_parallel_below_a_thousandth(sizes, sine, count):
             assert math.cos(turn) == pytest.approx(cosine, abs=2e-3)
 
 
-@pytest.mark.parametrize(('sine', 'cosine'), [(0.6, 0.8), (0.6, -0.8), (-0.6, -0.8)])
+@pytest.mark.parametrize(
+    ('sine', 'cosine'),
+    [
+        (0.6, 0.8),
+        (0.6, -0.8),
+        (-0.6, -0.8),
+    ],
+)
 def test_two_equations_have_their_common_turn(sine, cosine):
     first = (1.0, 0.0, -cosine)
     second = (0.3, 2.0, -0.3 * cosine - 2.0 * sine)

@@ -55,7 +55,12 @@ def test_a_reciprocal_root_is_zero_up_to_a_least_square(square, least, expected)
 
 
 @pytest.mark.parametrize(
-    ('angle', 'expected'), [(0.3, 0.3), (6.0, 6.0 - 2.0 * math.pi), (-10.0, 4.0 * math.pi - 10.0)]
+    ('angle', 'expected'),
+    [
+        (0.3, 0.3),
+        (6.0, 6.0 - 2.0 * math.pi),
+        (-10.0, 4.0 * math.pi - 10.0),
+    ],
 )
 def test_a_remainder_is_less_the_nearest_turn(angle, expected):
     floats = FLOATS.remainder(angle, 2.0 * math.pi)

@@ -73,7 +73,15 @@ def test_the_biases_do_no_more_than_their_part_that_no_motion_explains(sensor):
     assert found.bias == pytest.approx(1e-4 * math.sqrt(1.0 + gains @ gains), rel=1e-6)
 
 
-@pytest.mark.parametrize(('sensors', 'sensor'), [(4, 0), (4, 3), (5, 1), (6, 5)])
+@pytest.mark.parametrize(
+    ('sensors', 'sensor'),
+    [
+        (4, 0),
+        (4, 3),
+        (5, 1),
+        (6, 5),
+    ],
+)
 def test_a_fault_turns_the_orientation_either_way(sensors, sensor):
     readings = all_angles(POSE)[:sensors]
     estimate = sample_of(readings)
@@ -86,7 +94,16 @@ def test_a_fault_turns_the_orientation_either_way(sensors, sensor):
     assert angle_between(matrix_of(behind), expected.T @ POSE) < 1e-5
 
 
-@pytest.mark.parametrize(('sensors', 'sensor'), [(4, 0), (4, 1), (4, 3), (5, 2), (6, 4)])
+@pytest.mark.parametrize(
+    ('sensors', 'sensor'),
+    [
+        (4, 0),
+        (4, 1),
+        (4, 3),
+        (5, 2),
+        (6, 4),
+    ],
+)
 def test_the_curvature_is_that_of_the_parity_along_the_turn(sensors, sensor):
     """Here by turns of 0.03 rad, with all angles of the inverse model."""
     estimate = sample_of(all_angles(POSE)[:sensors])

@@ -140,7 +140,13 @@ def test_the_legs_of_a_mechanism_as_built_are_all_different(used):
     assert min(angle_between(R, matrix) for matrix in matrices) < 1e-7
 
 
-@pytest.mark.parametrize(('least', 'most', 'is_reached'), [(0.5, 0.9, True), (1.1, 1.5, False)])
+@pytest.mark.parametrize(
+    ('least', 'most', 'is_reached'),
+    [
+        (0.5, 0.9, True),
+        (1.1, 1.5, False),
+    ],
+)
 def test_noise_may_take_a_leg_without_a_sensor_a_little_beyond_its_reach(least, most, is_reached):
     """B_kk squared, of the leg, is negative there; MODE_MARGIN is the size of its noise."""
     built = nominal(0.8, 0.9, 0.7)
