@@ -350,9 +350,15 @@ class Rivals:
         return is_within(here.quaternion, began.quaternion, turn)
 
     def _is_same(self, sensor: int, place: Place, here: Place) -> bool:
-        """Whether a place is the orientation itself, to the sensor's part and the alert limit."""
-        part = min(self._parts[sensor], self._limit)
-        return is_within(place.quaternion, here.quaternion, part)
+        """
+        Whether a place is the orientation itself: no further than the sensor's part and the limit.
+
+        Nor behind the sensor's fold, half way to the other solution: the part may cover that one
+        now, and shrink while the truth stays there.
+        """
+        fold = 0.5 * self._folds.distance(sensor)
+        turn = min(self._parts[sensor], self._limit, fold)
+        return is_within(place.quaternion, here.quaternion, turn)
 
     def _lose(self, sensor: int, place: Place) -> None:
         """

@@ -182,6 +182,22 @@ class SensorSet:
             return None
         return estimate if self.agrees(sample, estimate) else None
 
+    def explaining(
+        self,
+        sample: Sample,
+        near: Quaternion[float] | None,
+    ) -> Quaternion[float] | None:
+        """
+        Return an orientation with which the sensors in use agree, near another one; else None.
+
+        It is found where they determine none, too, and the noise and bias are allowed for as they
+        are largest anywhere.
+        """
+        sigma = self.sensors.sigma
+        whitened = [sample.bias[place] / sigma[place] for place in self.places]
+        limit = self._window.limit(max(sample.factors), hypot(*whitened))
+        return self.solver.explaining(near, sample.angles, self.sensors, limit)
+
     def every(self, sample: Sample) -> list[SampleEstimate]:
         """Return every orientation with which the sensors in use agree."""
         return [

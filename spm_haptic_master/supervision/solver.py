@@ -9,6 +9,7 @@ from math import hypot, inf, sqrt
 
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.estimation.damped_fit import explaining_orientation
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.estimation.sample_estimates import CONSISTENT, estimate_sample
 from spm_haptic_master.kinematics.estimation.sensor_faults import (
@@ -121,6 +122,18 @@ class Solver:
     ) -> SampleEstimate:
         """Return the solution of a sample next to an orientation; SpmError as of `fit_near`."""
         return fit_near(quaternion, angles, sensors, self._geometry, self._working_mode)
+
+    def explaining(
+        self,
+        near: Quaternion[float] | None,
+        angles: Angles,
+        sensors: UsedSensors,
+        most: float,
+    ) -> Quaternion[float] | None:
+        """Return an orientation that explains a sample; see `explaining_orientation`."""
+        return explaining_orientation(
+            near, angles, sensors, self._geometry, self._working_mode, most
+        )
 
     def every(self, angles: Angles, sensors: UsedSensors) -> list[SampleEstimate]:
         """

@@ -7,17 +7,22 @@ Sets of sensors on trial: since when each has agreed, and where the orientation 
 Each trial tests one hypothesis: the sensors left out of the set are wrong, those in it are right.
 Then the set agrees in every sample, and its orientation turns no faster than a human. A set that
 fails starts again; a set of three does not, because it always agrees.
+
+That no orientation is found is no evidence against a set, nor is one that does not continue: where
+two solutions of its sensors meet, noise alone makes it so. The hypothesis is contradicted if the
+readings of the set cannot be explained near where it was.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import is_within
 from spm_haptic_master.supervision.parity import WINDOW_SAMPLES
 from spm_haptic_master.supervision.sample import Place, Sample
 from spm_haptic_master.supervision.sensor_set import SensorSet
-from spm_haptic_master.supervision.symptom import Severity, Symptom
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
 
 class Trial:
@@ -61,6 +66,8 @@ class Trial:
         self._since = since
         self._samples = 0
         self.has_failed = False
+        # Where the set explained the readings last, or the platform was before; None: not known.
+        self._near = None if place is None else place.quaternion
         self.can_agree = sensor_set.entries > 0 or since is not None or place is None
         sensor_set.restart()
 
@@ -71,12 +78,14 @@ class Trial:
         The prior is the place of this hypothesis, not the published orientation. `speed` is the
         human motion limit of the rotation, rad/s.
         """
+        if self._near is None and sample.prior is not None:
+            self._near = sample.prior.quaternion
         place = self.place
         is_recent = place is not None and place.selects(sample.stamp)
         own = replace(sample, prior=place if is_recent else None)
         symptom = self.sensor_set.solve(own)
         if symptom is not None or not self._continues(own, speed):
-            self.has_failed |= self._is_contradicted(symptom)
+            self.has_failed = self.has_failed or self._is_contradicted(own, symptom, speed)
             self._since = None
             self._samples = 0
             return False
@@ -84,22 +93,43 @@ class Trial:
             self._since = sample.stamp
         self._samples += 1
         if self.sensor_set.estimate is not None:
-            self.place = Place(sample.stamp, self.sensor_set.estimate.quaternion)
+            self._near = self.sensor_set.estimate.quaternion
+            self.place = Place(sample.stamp, self._near)
         return True
 
-    def _is_contradicted(self, symptom: Symptom | None) -> bool:
+    def _is_contradicted(self, sample: Sample, symptom: Symptom | None, speed: float) -> bool:
         """
         Whether a sample with which the set does not go on contradicts its hypothesis.
 
         One that determines no orientation does not, as where two solutions meet; nor does any
         sample of three sensors without a known motion.
+
+        Parameters
+        ----------
+        sample : Sample
+            The sample.
+        symptom : Symptom or None
+            What contradicts it; None if its orientation does not continue the trial.
+        speed : float
+            Human motion limit of the rotation, rad/s.
+
         """
-        if self._is_motion_unknown:
+        if self._is_motion_unknown or self._determines_none(symptom):
             return False
+        if symptom is not None and symptom.reason is not Reason.NO_FIT:
+            return True
+        explaining = self.sensor_set.explaining(sample, self._near)
+        if explaining is None:
+            return True
+        self._near = explaining
+        return symptom is None and not self._is_in_reach(sample, explaining, speed)
+
+    def _determines_none(self, symptom: Symptom | None) -> bool:
+        """Whether the latest sample determines no orientation."""
         if symptom is not None:
-            return symptom.severity is not Severity.WITHHOLD
+            return symptom.severity is Severity.WITHHOLD
         estimate = self.sensor_set.estimate
-        return estimate is not None and estimate.determined
+        return estimate is None or not estimate.determined
 
     @property
     def _is_motion_unknown(self) -> bool:
@@ -109,17 +139,24 @@ class Trial:
     def _continues(self, sample: Sample, speed: float) -> bool:
         """Whether a sample continues the trial: determined, and in reach of `place`."""
         estimate = self.sensor_set.estimate
-        worth = self.sensor_set.worth
+        if estimate is None or not estimate.determined or self._is_motion_unknown:
+            return False
+        return self._is_in_reach(sample, estimate.quaternion, speed)
+
+    def _is_in_reach(
+        self,
+        sample: Sample,
+        quaternion: Quaternion[float],
+        speed: float,
+    ) -> bool:
+        """Whether a human can have turned the platform from `place` to an orientation."""
         place = self.place
-        if estimate is None or worth is None or not estimate.determined:
-            return False
-        if self._is_motion_unknown:
-            return False
-        if place is None:
+        worth = self.sensor_set.worth
+        if place is None or worth is None:
             return True
         # The place may be by other sensors, with other noise and bias.
         turn = speed * sample.time_since(place.stamp) + 2.0 * worth.healthy
-        return is_within(estimate.quaternion, place.quaternion, turn)
+        return is_within(quaternion, place.quaternion, turn)
 
     def passes(self, stamp: int, onset: int, time: float) -> bool:
         """Whether the set has agreed since before a fault (`onset`, ns), or for a time, s."""

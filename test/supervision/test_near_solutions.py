@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.inverse_model import measured_angles
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
@@ -20,11 +19,21 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_distance,
     rotation_from_quaternion,
 )
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
 
 SIGMA = 0.005  # deg
 NOISE = np.radians(0.5 * SIGMA)
 BEFORE = 60  # samples without a fault
+
+
+def geometry_of(settings):
+    """Return the geometry of settings of `supervise`; the nominal one without any of it."""
+    names = {name.replace('__', '.'): value for name, value in settings.items()}
+    chosen = {name: value for name, value in names.items() if name.startswith('geometry.')}
+    return geometry_from(complete(FKM_SETTINGS, chosen))
 
 
 def error_over_promise(quaternion, sensors, fault, rate, bias=0.0, way=(), **settings):
@@ -45,9 +54,10 @@ def error_over_promise(quaternion, sensors, fault, rate, bias=0.0, way=(), **set
         turns[:BEFORE] = way
     matrices = matrix_from_vector(turns) @ matrix_from_quaternion(quaternion)
     truth = quaternion_from_matrix(matrices)
+    geometry = geometry_of(settings)
     readings = np.array(
         [
-            measured_angles(rotation_from_quaternion(*each), Geometry(), mode, sensors)
+            measured_angles(rotation_from_quaternion(*each), geometry, mode, sensors)
             for each in truth
         ]
     )
@@ -163,5 +173,35 @@ def test_a_drift_of_one_of_five_over_a_bent_parity_stays_within_its_bound(
     drift = size * np.clip(np.arange(270) / 200.0, 0.0, 1.0)
     ratio = error_over_promise(
         quaternion, 5, (place, drift), 500.0, working_mode=mode, window=0.04, alert_limit_deg=3.0
+    )
+    assert ratio <= 1.0
+
+
+# A device near a cusp, where the parity of a fault of th1C hardly bends.
+NEAR_CUSP = {
+    'geometry__proximal_deg': [43.2653, 24.8931, 43.8003],
+    'geometry__distal_deg': [22.5035, 32.5076, 42.9178],
+    'geometry__base_axes': [0.12547179, 0.22910435, 0.96528132]
+    + [0.94263736, 0.19132605, -0.27354917]
+    + [-0.08348839, 0.99580664, -0.03740083],
+    'geometry__platform_axes': [-0.19895589, 0.07881288, 0.97683421]
+    + [-0.26664203, -0.32567761, 0.90710315]
+    + [0.42146987, 0.01993053, 0.90662337],
+}
+
+
+def test_a_rival_behind_a_fold_is_one_though_the_part_of_its_sensor_covers_it_now():
+    """It was dropped when th1C was first checked, and the part shrank: 1.08 times the level."""
+    drift = -0.072 * np.clip(np.arange(270) / 174.0, 0.0, 1.0)
+    ratio = error_over_promise(
+        (0.3857511, 0.4029026, 0.8227648, 0.1091954),
+        4,
+        (2, drift),
+        500.0,
+        working_mode=(-1, 1, 1),
+        window=0.04,
+        alert_limit_deg=3.0,
+        degraded='allow',
+        **NEAR_CUSP,
     )
     assert ratio <= 1.0

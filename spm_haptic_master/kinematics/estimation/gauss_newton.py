@@ -21,6 +21,7 @@ from spm_haptic_master.kinematics.closed_form import CLOSED_FORM_TRUST
 from spm_haptic_master.kinematics.estimation.normal_equations import (
     gauss_newton_step,
     in_base_frame,
+    Legs,
     linearise,
     Motions,
     normal_equations,
@@ -166,13 +167,16 @@ def fit(
             )
         step, spread = gauss_newton_step(right, legs, adjugate, determinant)
         if _is_within(step, last_step):
-            state = _moved(state, step, 1.0)
-            (*_, volume_b), (*_, volume_c) = legs
-            if working_mode is not None:
-                _check_mode(state[1], volume_b, volume_c, sensors, working_mode, g)
+            state = moved(state, step)
+            if working_mode is not None and not is_in_mode(
+                state[1], legs, sensors, working_mode, g
+            ):
+                raise SingularityError(
+                    'the angles fit together only in another working mode than '
+                    f'{list(working_mode)}'
+                )
             return _estimate_at(state, rows, sensors, spread, g)
-        longest = max(map(abs, step))
-        state = _moved(state, step, min(1.0, LONGEST_STEP / longest))
+        state = moved(state, step)
         th1a, _, th3a, th1b, th1c = state
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
@@ -190,14 +194,12 @@ def _is_within(step: State[float], most: float) -> bool:
     )
 
 
-def _moved(
-    state: State[float],
-    step: State[float],
-    scale: float,
-) -> State[float]:
-    """Return a state after a scaled step."""
+def moved(state: State[float], step: State[float]) -> State[float]:
+    """Return a state after a step, rad, which is shortened to `LONGEST_STEP`."""
     th1a, th2a, th3a, th1b, th1c = state
     d1a, d2a, d3a, d1b, d1c = step
+    longest = max(map(abs, step))
+    scale = 1.0 if longest <= LONGEST_STEP else LONGEST_STEP / longest
     return (
         th1a + scale * d1a,
         th2a + scale * d2a,
@@ -207,15 +209,15 @@ def _moved(
     )
 
 
-def _check_mode(
+def is_in_mode(
     th2a: float,
-    volume_b: float,
-    volume_c: float,
+    legs: Legs[float],
     sensors: UsedSensors,
     working_mode: WorkingMode,
     g: Geometry,
-) -> None:
-    """Raise SingularityError for a solution in another mode; a leg without a sensor has any."""
+) -> bool:
+    """Whether the legs are in a working mode, but for noise; one without a sensor has any."""
+    (*_, volume_b), (*_, volume_c) = legs
     leg = g.legs[0]
     sign_a, sign_b, sign_c = working_mode
     # B_AA, the volume of Z1A, Z2A, Z3A, is here sin alpha sin beta sin th2A.
@@ -223,10 +225,7 @@ def _check_mode(
     is_leg_a = sign_a * volume_a > -MODE_MARGIN or {0, 3}.isdisjoint(sensors.used)
     is_leg_b = sign_b * volume_b > -MODE_MARGIN
     is_leg_c = sign_c * volume_c > -MODE_MARGIN
-    if not (is_leg_a and is_leg_b and is_leg_c):
-        raise SingularityError(
-            f'the angles fit together only in another working mode than {list(working_mode)}'
-        )
+    return is_leg_a and is_leg_b and is_leg_c
 
 
 def _estimate_at(
