@@ -11,7 +11,13 @@ from mechanism import MODES
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
-from spm_haptic_master.force import ForceController, ForceLimits, Gravity, render
+from spm_haptic_master.force import (
+    ForceController,
+    ForceLimits,
+    Gravity,
+    identify_gravity,
+    render,
+)
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.statics import LegPose
@@ -308,6 +314,27 @@ def test_nothing_asked_is_all_rendered():
     found = render(workspace_pose(0.1, 0.0, 0.3), (0.0, 0.0, 0.0))
     assert (found.motor_torque == 0.0).all()
     assert found.fraction == 1.0
+
+
+@pytest.mark.parametrize('motors', [3, 4])
+def test_gravity_is_that_which_the_torques_of_its_motors_hold(motors):
+    """On a base that is mounted aslant; the limit of a motor is far."""
+    down = (3.0, -5.0, -7.0)
+    gravity = Gravity((0.01, -0.02, 0.03), (0.004, 0.001, -0.003, 0.002, 0.005, -0.001), down)
+    statics = make_statics(PAPER, MODE, motors, ForceLimits(motor_torque=UNLIMITED))
+    weight = Weight(gravity, statics)
+    R, G = poses(60, seed=13)
+    R = R[np.linalg.svd(G[:, :3], compute_uv=False)[:, 2] > 0.3]
+    torques = []
+    for pose in R:
+        statics.place(flat(pose))
+        tau, _ = statics.render(weight.torque())
+        torques.append(tau)
+    found, left = identify_gravity(R, torques, down=down)
+    assert left == pytest.approx(0.0, abs=1e-9)
+    assert found.handle == pytest.approx(gravity.handle, abs=1e-9)
+    assert found.proximal == pytest.approx(gravity.proximal, abs=1e-9)
+    assert found.down == down
 
 
 def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
