@@ -154,7 +154,7 @@ def test_strong_directions_are_exact_unless_a_motor_is_at_its_limit():
     strong = missing - along_weak * weak
     assert free.mean() > 0.5
     assert (sigma[free, 2] < 0.05).sum() > 50
-    assert np.linalg.norm(strong[free], axis=1).max() <= 0.01 * 0.2
+    assert np.linalg.norm(strong[free], axis=1).max() <= 1e-4 * 0.2
 
 
 def test_nothing_is_added_to_what_the_fade_leaves():
@@ -166,6 +166,37 @@ def test_nothing_is_added_to_what_the_fade_leaves():
     x = np.clip((sigma[:, 2] - 0.05) / 0.1, 0.0, 1.0)
     smoothstep = x * x * (3.0 - 2.0 * x)
     np.testing.assert_allclose(found.fraction, smoothstep, atol=0.01)
+
+
+@pytest.mark.parametrize('motors', [3, 4])
+@pytest.mark.parametrize('size', [0.1, 0.6, 3.0])
+def test_what_the_handle_gets_is_what_its_motors_make(motors, size):
+    """By the rows of the Jacobian; and a torque the other way takes the opposite of each motor."""
+    R, G = poses(500, seed=14)
+    torque = directions(len(R), size)
+    found = render(R, torque, motors=motors)
+    made = np.einsum('nij,ni->nj', G[:, :motors], found.motor_torque)
+    np.testing.assert_allclose(found.rendered, made, atol=1e-9)
+    back = render(R, -torque, motors=motors)
+    np.testing.assert_allclose(back.motor_torque, -found.motor_torque, atol=1e-12)
+    np.testing.assert_allclose(back.rendered, -found.rendered, atol=1e-12)
+
+
+@pytest.mark.parametrize('motors', [3, 4])
+def test_a_base_frame_that_lies_aslant_changes_no_motor_torque(motors):
+    turn = matrix_from_quaternion((0.5, -0.1, 0.7, 0.5))
+    aslant = Geometry.from_axes(
+        np.array(PAPER.base_axes) @ turn.T,
+        PAPER.platform_axes,
+        PAPER.alphas,
+        PAPER.betas,
+    )
+    R, _ = poses(300, seed=15)
+    torque = directions(len(R), 0.4)
+    found = render(R, torque, motors=motors)
+    turned = render(turn @ R, torque @ turn.T, aslant, motors=motors)
+    np.testing.assert_allclose(turned.motor_torque, found.motor_torque, atol=1e-6)
+    np.testing.assert_allclose(turned.rendered, found.rendered @ turn.T, atol=1e-6)
 
 
 def test_a_large_torque_along_the_weak_direction_falls_with_the_distance_from_the_surface():
@@ -335,6 +366,11 @@ def test_gravity_is_that_which_the_torques_of_its_motors_hold(motors):
     assert found.handle == pytest.approx(gravity.handle, abs=1e-9)
     assert found.proximal == pytest.approx(gravity.proximal, abs=1e-9)
     assert found.down == down
+    # A millinewtonmetre too much on each motor of one pose is what is left there.
+    wrong = np.array(torques)
+    wrong[0] += 1e-3
+    _, left = identify_gravity(R, wrong, down=down)
+    assert 1e-4 < left < 1e-3
 
 
 def test_the_weight_is_held_by_the_slope_of_its_potential_energy():
