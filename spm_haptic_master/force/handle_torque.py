@@ -33,13 +33,13 @@ class HandleTorque:
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
         self._lock = Lock(limits.lock_stiffness)
+        self._fade_start: Vector[float] = NOTHING  # what was asked at its begin
         self.end()
 
     def end(self) -> None:
         """End all torque and its ramp."""
         self.asked = NOTHING
         self.ramp = 0.0
-        self._fade_start = NOTHING
         self.restart_wrench()
         self._lock.release()
 
