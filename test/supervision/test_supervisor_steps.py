@@ -59,6 +59,27 @@ def test_behind_a_pause_the_platform_may_be_anywhere():
     assert inf in rig.supervisor.parts
 
 
+def test_behind_a_pause_each_sensor_has_to_be_checked_again_where_a_start_needs_that():
+    rig = Rig(start_checked=True, alert_limit_deg=2.0)
+    assert rig.samples(3) == [None] * 3
+    rig.sample(after=600)
+    causes = rig.samples(40)
+    assert causes[:3] == ['starting'] * 3
+    assert causes[3] == 'joint_1a not checked yet'
+    # The platform rests: rivals are left.
+    assert causes[-1] == 'joint_1c not checked yet'
+
+
+@pytest.mark.parametrize(('factor', 'is_published'), [(0.97, False), (1.03, True)])
+def test_no_orientation_is_published_beyond_its_largest_deviation(factor, is_published):
+    deviation = degrees(Rig().verdict.estimate.total_deviation)
+    rig = Rig(healthy=False, deviation_limit_deg=factor * deviation)
+    rig.samples(10)
+    assert (rig.verdict.estimate is not None) == is_published
+    if not is_published:
+        assert rig.verdict.cause.reason is Reason.UNDETERMINED
+
+
 def test_behind_a_pause_another_rate_is_known_at_once():
     rig = Rig()
     rig.sample(after=600)
