@@ -182,6 +182,37 @@ def test_what_the_handle_gets_is_what_its_motors_make(motors, size):
     np.testing.assert_allclose(back.rendered, -found.rendered, atol=1e-12)
 
 
+def test_distal_links_of_60_deg_fade_by_the_same_singular_values():
+    shorter = Geometry.from_axes(
+        PAPER.base_axes,
+        PAPER.platform_axes,
+        PAPER.alphas,
+        np.radians([60.0, 60.0, 60.0]),
+    )
+    tilt, azimuth, phi = np.random.default_rng(17).random((3, 2000))
+    R = workspace_pose(0.4 * tilt, 6.3 * azimuth, 2.8 * phi - 0.7)
+    G = jacobian(R, shorter)
+    known = np.isfinite(G).all((1, 2))
+    _, sigma, right = np.linalg.svd(G[known])
+    found = render(R[known], 0.01 * right[:, 2], shorter)
+    x = np.clip((sigma[:, 2] - 0.05) / 0.1, 0.0, 1.0)
+    assert np.count_nonzero(x < 1.0) > 50
+    np.testing.assert_allclose(found.fraction, x * x * (3.0 - 2.0 * x), atol=1e-3)
+
+
+@pytest.mark.parametrize('motors', [3, 4])
+@pytest.mark.parametrize('limit', [0.05, 0.5, 2.0])
+def test_no_motor_is_above_its_limit_and_no_torque_within_it_is_cut(motors, limit):
+    R, _ = poses(1000, seed=16)
+    torque = directions(len(R), 2.0 * limit)
+    found = render(R, torque, motors=motors, motor_torque_limit=limit)
+    largest = np.abs(found.motor_torque).max(axis=1)
+    assert largest.max() == pytest.approx(limit)
+    free = largest < 0.6 * limit
+    assert free.sum() > 20
+    assert found.fraction[free].max() == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize('motors', [3, 4])
 def test_a_base_frame_that_lies_aslant_changes_no_motor_torque(motors):
     turn = matrix_from_quaternion((0.5, -0.1, 0.7, 0.5))
