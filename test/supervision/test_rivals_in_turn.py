@@ -597,6 +597,27 @@ def test_a_trial_says_where_the_truth_without_its_sensor_is(angle, part):
     assert world.follow()[1] == part
 
 
+@pytest.mark.parametrize(('angle', 'is_lost'), [(0.016, False), (0.0175, True)])
+def test_a_trial_behind_the_fold_of_its_sensor_is_another_orientation(angle, is_lost):
+    """That is half way to its other side; the part may cover it, and shrink later."""
+    world = World()
+    world.bends = {1: 30.0}
+    world.part[1] = 1e-6
+    for _ in range(12):
+        world.follow()
+    world.part[1] = 0.01
+    world.sensors.is_trying = True
+    world.on_trial = {1: Place(world.now + MS, turned(angle))}
+    assert world.follow()[1] == inf
+    world.sensors.is_trying = False
+    world.on_trial = {}
+    world.part[1] = 1e-6
+    world.others = {1: (angle,)}
+    for _ in range(5):
+        parts = world.follow()
+    assert (parts[1] > angle) == is_lost
+
+
 @pytest.mark.parametrize(('milliseconds', 'searches'), [(3, 1), (5, 3)])
 def test_where_a_trial_was_before_is_a_place_that_the_truth_may_have_left(milliseconds, searches):
     """It is searched for once where a human can have turned the platform by 0.1 rad since."""

@@ -65,6 +65,10 @@ class Solutions:
     def near(self, quaternion, angles, sensors):
         return self.solve(angles, sensors, quaternion)
 
+    def explaining(self, near, angles, sensors, most):
+        """Return what is asked."""
+        return near, sensors.used, most
+
 
 class Case:
     """A set of mounted sensors without some, and its solver."""
@@ -246,6 +250,16 @@ def test_solutions_next_to_an_orientation_and_all_of_them_have_to_agree():
     assert case.set.near(case.sample(), good.quaternion) is None
     case.solver.error = SingularityError('none')
     assert case.set.near(case.sample(), good.quaternion) is None
+
+
+@pytest.mark.parametrize('factor', [1.0, 2.0])
+def test_an_orientation_explains_the_readings_within_noise_and_the_bias_of_those_in_use(factor):
+    case = Case(6, (1,))
+    near = case.estimate.quaternion
+    found, used, most = case.set.explaining(case.sample(factors=factor), near)
+    assert found == near
+    assert used == (0, 2, 3, 4, 5)
+    assert most == pytest.approx(case.set.threshold * factor + sqrt(5.0) * BIAS / SIGMA)
 
 
 # Parts and noise ------------------------------------------------------------------------------

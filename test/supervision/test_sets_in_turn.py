@@ -51,6 +51,9 @@ class Agreement:
     def every(self, angles, sensors):
         return []
 
+    def explaining(self, near, angles, sensors, most):
+        return None
+
 
 class Mounted:
     """Mounted sensors, with the readings and faults that a test says, a ms between samples."""

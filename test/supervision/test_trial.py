@@ -16,6 +16,7 @@ BEGIN = 1000 * MS
 SPEED = 20.0
 HEALTHY = 0.004
 CONTRADICTS = Symptom(Reason.INCONSISTENT)
+NO_FIT = Symptom(Reason.NO_FIT)
 UNSURE = withheld(Reason.UNDETERMINED, '')
 
 
@@ -34,6 +35,10 @@ class Set:
         self.estimate = SimpleNamespace(quaternion=turned(0.0), determined=True)
         self.worth = SimpleNamespace(healthy=HEALTHY)
         self.prior = None
+        # The orientation that explains the readings where there is no solution, and those near
+        # which it was looked for.
+        self.explained = None
+        self.looked_near = []
 
     def restart(self):
         self.restarts += 1
@@ -41,6 +46,10 @@ class Set:
     def solve(self, sample):
         self.prior = sample.prior
         return self.symptom
+
+    def explaining(self, sample, near):
+        self.looked_near.append(near)
+        return self.explained
 
     def at(self, angle):
         """Find the next solution at a turn, rad."""
@@ -157,6 +166,56 @@ def test_samples_before_one_that_does_not_agree_do_not_count():
     assert not trial.has_agreed_for(BEGIN + 15 * MS, 0.001)
     follow(trial, 16)
     assert trial.has_agreed_for(BEGIN + 16 * MS, 0.001)
+
+
+@pytest.mark.parametrize(
+    ('symptom', 'explained', 'has_failed'),
+    [
+        # No fit, and an orientation elsewhere, are no evidence where one nearby explains both.
+        (NO_FIT, 0.0, False),
+        (NO_FIT, 3.0, False),
+        (NO_FIT, None, True),
+        (None, 0.02, False),
+        (None, 0.03, True),
+        (None, None, True),
+        # Angles that are inconsistent are.
+        (CONTRADICTS, 0.0, True),
+    ],
+)
+def test_it_has_failed_where_no_orientation_nearby_explains_the_readings(
+    symptom, explained, has_failed
+):
+    members = Set()
+    trial = Trial(members, place(), BEGIN)
+    members.symptom = symptom
+    members.at(1.0)
+    members.explained = None if explained is None else turned(explained)
+    assert not follow(trial, 1)
+    assert trial.has_failed == has_failed
+    assert members.looked_near == [turned(0.0)] * (symptom is not CONTRADICTS)
+    # It has failed for good.
+    members.symptom = None
+    members.at(0.0)
+    follow(trial, 2)
+    members.symptom = UNSURE
+    follow(trial, 3)
+    assert trial.has_failed == has_failed
+
+
+def test_what_explains_the_readings_is_looked_for_near_where_it_was_last():
+    members = Set()
+    trial = Trial(members, None, None)
+    members.symptom = NO_FIT
+    members.explained = turned(0.3)
+    follow(trial, 1, 2)
+    # At first near the published orientation.
+    assert members.looked_near == [turned(3.0), turned(0.3)]
+    members.symptom = None
+    members.at(0.5)
+    assert follow(trial, 3)
+    members.symptom = NO_FIT
+    follow(trial, 4)
+    assert members.looked_near[2:] == [turned(0.5)]
 
 
 def test_without_an_orientation_it_neither_agrees_nor_fails():
