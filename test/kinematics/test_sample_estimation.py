@@ -132,6 +132,7 @@ def test_gains_are_finite_differences_and_make_the_covariance(sensors):
     stated = np.reshape(sample.covariance, (3, 3))
     tolerance = 2e-3 * np.trace(covariance)
     np.testing.assert_allclose(covariance, stated, rtol=0.0, atol=tolerance)
+    assert sample.total_deviation == pytest.approx(math.sqrt(np.trace(stated)))
     of_sample = np.array(sample.parity_gains)
     np.testing.assert_allclose(SIGMA * parity_gains, SIGMA * of_sample, atol=1e-3)
 
