@@ -35,6 +35,31 @@ SLOW = {
 POSE = workspace_pose(radians(5.0), 0.5, radians(20.0))
 
 
+def check_scan(arguments, capsys):
+    """Check that `can_scan` starts the encoders and finds all of them."""
+    code = can_scan.main(['can_scan', *arguments, '-p', 'rate:=50.0', '--start'])
+    said = capsys.readouterr().out
+    assert 'all four encoders are there, as configured' in said, said
+    assert code == 0
+
+
+def check_setup(arguments, capsys):
+    """Check that `can_setup` writes the objects that there are, and names the others."""
+    code = can_setup.main(['can_setup', *arguments, '--write'])
+    said = capsys.readouterr().out
+    assert said.count('4 of 4 objects as configured') == 4, said
+    assert 'not stored by this run: it cannot store (0x1010:01)' in said
+    assert 'no object has its counts per turn' in said
+    assert code == 0
+
+
+def error(message):
+    """Return the angle from the pose of the encoders to a published orientation, deg."""
+    q = message.quaternion
+    turn = matrix_from_quaternion([q.x, q.y, q.z, q.w]).T @ POSE
+    return degrees(acos(min(1.0, 0.5 * (np.trace(turn) - 1.0))))
+
+
 def test_encoders_without_any_optional_object_come_up_to_an_orientation(
     start, observer, bus_channel, stack, capsys, monkeypatch
 ):
@@ -57,16 +82,8 @@ def test_encoders_without_any_optional_object_come_up_to_an_orientation(
     for encoder, layout, angle in zip(encoders, LAYOUTS, angles, strict=True):
         encoder.counts = int.from_bytes(layout.data(angle), 'little')
 
-    code = can_scan.main(['can_scan', *arguments, '-p', 'rate:=50.0', '--start'])
-    said = capsys.readouterr().out
-    assert 'all four encoders are there, as configured' in said and code == 0, said
-
-    code = can_setup.main(['can_setup', *arguments, '--write'])
-    said = capsys.readouterr().out
-    assert code == 0 and said.count('4 of 4 objects as configured') == 4, said
-    assert 'not stored by this run: it cannot store (0x1010:01)' in said
-    assert 'no object has its counts per turn' in said
-
+    check_scan(arguments, capsys)
+    check_setup(arguments, capsys)
     orientations = observer.collect(QuaternionStamped, 'orientation')
     states = observer.collect(String, 'state', STATE)
     parameters = {
@@ -78,9 +95,7 @@ def test_encoders_without_any_optional_object_come_up_to_an_orientation(
     master = start('master', *SIMULATED, parameters=parameters)
     found = observer.spin_until(lambda: len(orientations) > 20, PATIENCE)
     assert found, (master.stderr, [message.data for _, message in states])
-    q = orientations[-1][1].quaternion
-    turn = matrix_from_quaternion([q.x, q.y, q.z, q.w]).T @ POSE
-    assert degrees(acos(min(1.0, 0.5 * (np.trace(turn) - 1.0)))) < 0.1
+    assert error(orientations[-1][1]) < 0.1
     assert states[-1][1].data == 'healthy'
     assert all(encoder.operational for encoder in encoders)
     assert master.stop() == 0

@@ -378,11 +378,15 @@ def check_entries(rig, names, mounting):
     assert entries['diagnostics: singularity']['sensors left out'] == 'none'
     check_orientation_entry(entries['fkm: orientation'], names, mounting)
     check_timing_entry(entries['fkm: timing'])
-    teleop = entries['teleop: teleop']
+    check_teleop_entry(entries['teleop: teleop'])
+    assert float(entries['sim_slave: tracking']['tracking error (deg)']) < 0.5
+
+
+def check_teleop_entry(teleop):
+    """Check the entry of the tele-operation: engaged twice, and never ended by a fault."""
     assert teleop['engaged or clutched off (times)'] == '2'
     assert teleop['disengaged last by'] == 'nothing'
     assert teleop['stale orientations'] == '0'
-    assert float(entries['sim_slave: tracking']['tracking error (deg)']) < 0.5
 
 
 def check_orientation_entry(orientation, names, mounting):

@@ -141,44 +141,51 @@ def test_a_device_without_diagnostics_is_found_and_another_robot_is_not(view, ob
     assert list(view._arms) == ['/device']
 
 
-def test_two_arms_stand_by_their_names_whichever_comes_first(
-    view,
-    observer,
-    monkeypatch,
-):
-    """The left one on the left, in the banners and the panel as in the picture."""
-
-    def start(name):
-        return [
+@pytest.fixture(name='two_arms')
+def show_two_arms(view, observer):
+    """Have the view show a right arm, then a left one as well; return their publishers by name."""
+    publishers = {}
+    for name in ('right', 'left'):
+        publishers[name] = [
             observer.node.create_publisher(kind, f'/{name}/{topic}', 1)
             for kind, topic in ((JointState, 'joint_states'), (String, 'state'))
         ]
+        assert view.spin(lambda: len(view._page.shown) == len(publishers))
+        view._arms[f'/{name}'].build(complete(SETTINGS, {}))
+    return publishers
 
-    def place(name):
-        return view._arms[f'/{name}']._scene._fixed.position[0]
 
-    right = start('right')
-    assert view.spin(lambda: list(view._page.shown) == ['right'])
-    view._arms['/right'].build(complete(SETTINGS, {}))
-    assert place('right') == 0.0
-    left = start('left')
-    assert view.spin(lambda: len(view._page.shown) == 2)
-    view._arms['/left'].build(complete(SETTINGS, {}))
-    assert (place('left'), place('right')) == (0.0, pytest.approx(ARM_DISTANCE))
+def place(view, name):
+    """Return where an arm stands in the picture, m to the right."""
+    return view._arms[f'/{name}']._scene._fixed.position[0]
+
+
+def test_two_arms_stand_by_their_names_whichever_comes_first(view, two_arms):
+    """The left one on the left, in the banners and the panel as in the picture."""
+    assert list(two_arms) == ['right', 'left']
+    assert (place(view, 'left'), place(view, 'right')) == (0.0, pytest.approx(ARM_DISTANCE))
     news = view._page.news()
     assert [device['name'] for device in news['devices']] == ['left', 'right']
     # The second one is in every view.
     assert news['views'] == views(2)
     folders = [view._arms[f'/{name}']._panel._folder.order for name in ('left', 'right')]
     assert folders == sorted(folders)
-    # One without a publisher for a while goes, while the other one runs; the last one stays.
+
+
+def test_an_arm_without_a_publisher_goes_while_another_one_runs(
+    view,
+    observer,
+    two_arms,
+    monkeypatch,
+):
+    """The last one stays."""
     monkeypatch.setattr('spm_haptic_master.view.arm.GONE_AFTER', 0.5)
-    for publisher in left:
+    for publisher in two_arms['left']:
         observer.node.destroy_publisher(publisher)
     assert view.spin(lambda: list(view._page.shown) == ['right'])
-    assert place('right') == 0.0
+    assert place(view, 'right') == 0.0
     assert view._page.news()['views'] == views(1)
-    for publisher in right:
+    for publisher in two_arms['right']:
         observer.node.destroy_publisher(publisher)
     view.spin(lambda: False, 1.5)
     assert list(view._page.shown) == ['right']
