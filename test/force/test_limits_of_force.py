@@ -249,6 +249,18 @@ def test_a_lock_begins_where_the_handle_is_each_time():
     assert np.linalg.norm(bench.run(3, lock=turned(-0.1)).asked) <= 1.5e-3 + 1e-9
 
 
+@pytest.mark.parametrize('lock', [None, *(turned(0.02 * step) for step in range(6))])
+def test_a_gap_where_nothing_has_to_move_is_like_any_other(lock):
+    """The centre of the lock, and the torque that is asked, are where they should be: no way."""
+    bench = Bench()
+    bench.engage(STILL)
+    bench.run(300, lock=lock)
+    bench.step(20.0, lock=lock)
+    output = bench.step(20.0, lock=lock)
+    assert output.state.text == 'engaged'
+    assert output.motor_torque == ZERO
+
+
 # Energy that is left (J), share of the damping and share of the wrench after a while.
 @pytest.mark.parametrize(
     ('energy', 'damping', 'share'),

@@ -287,6 +287,16 @@ def test_a_clock_that_was_set_back_before_engaging_does_not_matter():
     assert rig.engage().run(20)
 
 
+@pytest.mark.parametrize('tilt', [0.1, 0.2, 0.3, 0.4, 0.5])
+def test_a_slave_that_is_aligned_already_stays_where_it_is(tilt):
+    rig = Rig(alignment='absolute')
+    rig.master = zxz(0.3, tilt, -0.2)
+    rig.slave = rig.master
+    rig.engage()
+    for _, given in rig.run(20):
+        np.testing.assert_allclose(given, rig.master, atol=1e-12)
+
+
 def test_an_aligned_slave_meets_a_jump_of_the_master_at_the_limits_of_the_command():
     """The speed of aligning is for the offset of engaging alone."""
     rig = Rig(alignment='absolute', align_speed=0.1)
