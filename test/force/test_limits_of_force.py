@@ -31,11 +31,12 @@ DT = 1e-3
 @pytest.mark.parametrize(
     ('changed', 'obstacle'),
     [
-        ({'protection_level': radians(0.99)}, None),
+        ({'protection_level': radians(1.0)}, None),
         ({'protection_level': radians(1.01)}, Reason.UNPROTECTED),
         ({'noise': 5.0}, None),
         ({'noise': 5.01}, Reason.NOISY),
         ({'velocity': (0.0, 4.8, 3.5)}, None),
+        ({'velocity': (0.0, 0.0, 6.0)}, None),
         ({'velocity': (0.0, 4.8, 3.7)}, Reason.SPEED),
         ({'sources': 0}, None),
         ({'sources': 1}, None),
