@@ -493,15 +493,15 @@ def test_with_other_sensors_those_with_rivals_may_have_more():
 def test_what_was_hidden_stays_so_while_another_is_not_in_use():
     world = known()
     world.part[1] = 1.01 * LIMIT
-    world.follow()
+    world.follow(0.009)
+    world.follow(0.018)
     world.used.places = (0, 1, 2)
-    for step in range(1, 6):
-        world.follow(0.009 * step)
+    world.follow(0.027)
     world.part[1] = PART
-    world.others = {1: (0.1,)}
+    world.others = {1: (0.08,)}
     for _ in range(10):
         parts = world.follow()
-    assert parts[1] == beyond(0.1 - 0.045)
+    assert parts[1] == beyond(0.08 - 0.027)
 
 
 @pytest.mark.parametrize(('turn', 'is_lost'), [(0.012, False), (0.013, True)])
