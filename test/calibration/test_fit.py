@@ -336,6 +336,22 @@ class Arctangent(LinearModel):
         return np.arctan(straight), rows / (1.0 + straight**2)[:, :, None]
 
 
+def test_a_step_that_never_helps_is_damped_up_to_ten_thousand(monkeypatch):
+    """First without damping, then from 1e-8 on by tens; and the parameters stay."""
+    tried = []
+
+    def damped_step(now, weights, estimated, damping):
+        tried.append(damping)
+        return np.array([0.1])
+
+    monkeypatch.setattr(fit, '_damped_step', damped_step)
+    monkeypatch.setattr(fit, '_normal_after', lambda *_: None)
+    samples = samples_of(np.zeros((4, 1)), np.full((4, 1, 1), 1.0))
+    found = fit.fit(Arctangent(layout_of([np.inf])), samples, np.array([1.5]), (0,))
+    assert tried == pytest.approx([0.0, *(10.0**power for power in range(-8, 5))])
+    assert found.vector == [1.5]
+
+
 @pytest.mark.parametrize('limit', [np.inf, 40.0])
 @pytest.mark.parametrize('start', [1.5, -3.0, 12.0, 30.0])
 def test_damping_brings_back_steps_that_run_away_or_to_no_mechanism(start, limit):
