@@ -61,6 +61,20 @@ def test_a_frame_of_another_kind_changes_nothing(fields, reason):
         assert taker.tally()[reason] == 1
 
 
+def test_a_bus_error_is_over_with_the_next_answer():
+    taker = decoder()
+    error = {'is_error_frame': True, 'arbitration_id': 0x40, 'data': bytes(8)}
+    taker.feed(answer(1, T0, **error))
+    assert taker.bus_error == 'bus-off'
+    assert taker.bus_off
+    # A frame that is none of the encoder's shows nothing.
+    taker.feed(answer(1, T0, data=bytes(3)))
+    assert taker.bus_off
+    taker.feed(answer(1, T0))
+    assert taker.bus_error is None
+    assert not taker.bus_off
+
+
 def test_a_frame_of_29_bits_is_an_answer_where_it_is_configured():
     taker = decoder(
         encoders__id=(0x181, 0x18FF1234, 0x183, 0x184),

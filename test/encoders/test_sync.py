@@ -256,6 +256,7 @@ def stamps_of(*parts):
         ([(900, 1.26e-3)], True),
         # A tenth of them one period apart: SYNCs are lost; fewer: another rate.
         ([(44, 1e-3), (320, 3e-3)], False),
+        ([(36, 1e-3), (324, 2.976e-3)], False),
         ([(28, 1e-3), (325, 3e-3)], True),
         # Ten of them show a rate, nine do not; and it takes a second.
         ([(10, 0.11)], True),

@@ -14,7 +14,12 @@ from readings import differences, near_boundary, PAPER
 from spm_haptic_master import kinematics
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
-from spm_haptic_master.kinematics.workspace import approach, determinant_gradient, nearness
+from spm_haptic_master.kinematics.workspace import (
+    approach,
+    changes_of_sign,
+    determinant_gradient,
+    nearness,
+)
 
 PHI = math.radians(50.0)
 
@@ -212,6 +217,26 @@ def test_figures_6_and_15_dexterity_over_the_cone():
     assert three.max() == pytest.approx(0.101, abs=1e-3)
     assert four.min() == pytest.approx(0.323, abs=1e-3)
     assert four.max() == pytest.approx(0.502, abs=1e-3)
+
+
+def test_a_change_of_sign_is_between_neighbours_on_rays_and_circles():
+    """Four circles, of 0.25 to 1 rad, and eight rays."""
+    of_tilt = changes_of_sign(lambda points: points[0] - 0.6, 1.0, rays=8, circles=4)
+    np.testing.assert_allclose(of_tilt.here[0], [0.5] * 8)
+    np.testing.assert_allclose(of_tilt.there[0], [0.75] * 8)
+    np.testing.assert_allclose(of_tilt.here[1], np.radians(range(0, 360, 45)))
+    np.testing.assert_allclose(of_tilt.there[1], of_tilt.here[1])
+    np.testing.assert_allclose(of_tilt.here_value, [-0.1] * 8)
+    np.testing.assert_allclose(of_tilt.there_value, [0.15] * 8)
+    of_azimuth = changes_of_sign(lambda points: np.cos(points[1]), 1.0, rays=7, circles=4)
+    turn_of_ray = 2.0 * math.pi / 7
+    assert sorted(of_azimuth.here[0]) == pytest.approx(
+        [0.25, 0.25, 0.5, 0.5, 0.75, 0.75, 1.0, 1.0]
+    )
+    np.testing.assert_allclose(of_azimuth.there[0], of_azimuth.here[0])
+    apart = of_azimuth.there[1] - of_azimuth.here[1]
+    np.testing.assert_allclose(apart, turn_of_ray)
+    assert set(np.rint(of_azimuth.here[1] / turn_of_ray)) == {1.0, 5.0}
 
 
 @pytest.mark.parametrize(
