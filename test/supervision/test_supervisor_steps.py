@@ -70,6 +70,21 @@ def test_behind_a_pause_each_sensor_has_to_be_checked_again_where_a_start_needs_
     assert causes[-1] == 'joint_1c not checked yet'
 
 
+def test_angles_that_fit_no_orientation_are_a_fault_behind_one_that_was_determined():
+    rig = Rig()
+    assert rig.samples(3, th1a=90.0) == ['no orientation fits'] * 3
+    assert rig.state == 'silent: joint_1a jumped'
+
+
+def test_angles_that_fit_no_orientation_are_none_behind_one_that_was_not_sure():
+    """For a tenth of a second."""
+    rig = Rig(deviation_limit_deg=0.01, healthy=False)
+    rig.samples(10)
+    assert rig.samples(100, th1a=90.0) == ['orientation not determined'] * 100
+    assert rig.supervisor.latch.fault is None
+    assert rig.samples(1, th1a=90.0) == ['no orientation fits']
+
+
 @pytest.mark.parametrize(('factor', 'is_published'), [(0.97, False), (1.03, True)])
 def test_no_orientation_is_published_beyond_its_largest_deviation(factor, is_published):
     deviation = degrees(Rig().verdict.estimate.total_deviation)
