@@ -221,6 +221,12 @@ def test_a_sensor_that_jumped_back_has_returned_from_that_departure():
     assert joints.has_returned(1, 1)
     assert not joints.has_returned(0)
     assert not joints.has_returned(None, 1)
+
+
+def test_a_sensor_that_left_again_has_returned_from_the_departure_before():
+    joints = resting()
+    taken(joints, 2, (0.0, 5.0, 0.0, 0.0))
+    taken(joints)
     taken(joints, 1, (0.0, 5.0, 0.0, 0.0))
     assert joints.departure(1) == 2
     assert not joints.has_returned(1)

@@ -221,6 +221,13 @@ def test_the_others_pass_their_trial_without_a_faulty_sensor():
     stamp = mounted.try_others()
     assert sensors.passing(stamp, 0) == [1]
     assert sensors.standing(stamp, 0) == [1]
+
+
+def test_a_trial_has_a_place_until_it_ends():
+    mounted = Mounted(5)
+    sensors = mounted.sensors
+    mounted.solver.wrong = {1}
+    stamp = mounted.try_others(11)
     (at,) = sensors.places_on_trial().values()
     assert list(sensors.places_on_trial()) == [1]
     assert at.stamp == stamp
