@@ -211,6 +211,10 @@ def test_a_restart_forgets_the_samples_and_no_fault():
     assert device.fault is None
     device.bad()
     assert device.fault.symptom.sensor is None
+
+
+def test_a_restart_begins_the_recovery_again():
+    device = faulty()
     device.checked = [(sensor, device.fault.last_bad) for sensor in range(4)]
     assert not device.ends(0)
     device.latch.restart()

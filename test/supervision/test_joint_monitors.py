@@ -64,6 +64,9 @@ def moving(speed, count=50, **limits):
     ('low', 'high', 'is_out'),
     [
         (-0.01, 0.01, False),
+        # Its ends belong to it.
+        (0.0, 0.01, False),
+        (-0.01, 0.0, False),
         (0.001, 0.01, True),
         (-0.01, -0.001, True),
     ],
