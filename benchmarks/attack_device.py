@@ -31,6 +31,8 @@ ITERATIONS = 10
 # Largest step of an iteration (rad), and farthest start (rad).
 LARGEST_STEP = 0.4
 FARTHEST_START = 1.2
+# Rounds of a search for where some sensors determine no orientation.
+ROUNDS = 12
 # Least distance of a rival for four sensors (rad).
 LEAST_MEETING = np.radians(1.0)
 # Rotation of a difference quotient (rad).
@@ -196,6 +198,17 @@ class Device:
             return None
         chosen = rng.choice(np.flatnonzero(fits))
         return places[chosen], rivals[chosen]
+
+    def undetermined(self, kept: tuple[int, ...], begin: Array, rng: np.random.Generator) -> Array:
+        """Return an orientation near another that some sensors determine hardly, (3, 3)."""
+        best = begin
+        for reach in np.linspace(FARTHEST_START, 0.01, ROUNDS):
+            axes = rng.normal(size=(STARTS, 3))
+            near, _, rates = self._reached(turns(0.5 * reach * axes) @ best)
+            if len(near):
+                least = np.linalg.svd(rates[:, list(kept)], compute_uv=False)[:, -1]
+                best = near[int(np.argmin(least))]
+        return best
 
     def _near(self, rotation: Array, rng: np.random.Generator) -> Array:
         """Return random orientations around one, (n, 3, 3)."""

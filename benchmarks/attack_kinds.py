@@ -400,6 +400,23 @@ def healthy_at_the_rim(choices: Choices) -> Case:
     return thinned(scene.case(rotations, times, angles, (), words), kept)
 
 
+def fault_of_an_unchecked_sensor(choices: Choices) -> Case:
+    """Let a sensor be wrong where the others determine no orientation, with exclusion."""
+    scene = Scene(choices, choices.one_of('sensors', (5, 5, 6)))
+    scene.settings['degraded'] = 'allow'
+    sensor = scene.sensor()
+    kept = tuple(each for each in range(scene.sensors) if each != sensor)
+    pose = scene.device.undetermined(kept, scene.pose(40.0), scene.rng)
+    times = scene.times(after=0.8)
+    rotations = scene.moved_after(np.repeat(pose[None], len(times), axis=0), times)
+    angles = scene.true_readings(rotations)
+    size = choices.sign('direction') * np.radians(choices.scaled('size', 0.2, 20.0))
+    length = choices.one_of('length', (1e-6, 0.1, 0.3, 1.0))
+    angles[:, sensor] += size * np.clip(times / length, 0.0, 1.0)
+    words = f'{named([sensor])} off by {degrees_text(size)} within {length:.1f} s, hardly checked'
+    return scene.case(rotations, times, angles, (sensor,), words)
+
+
 KINDS: dict[str, Callable[[Choices], Case]] = {
     'step onto another solution': step_onto_another_solution,
     'pause in which a sensor keeps its value': pause_with_a_kept_value,
@@ -416,4 +433,5 @@ KINDS: dict[str, Callable[[Choices], Case]] = {
     'drift of th3A through the singularity': drift_through_the_singularity,
     'wave without mean': wave_without_mean,
     'healthy near the rim': healthy_at_the_rim,
+    'fault where the others determine nothing': fault_of_an_unchecked_sensor,
 }

@@ -57,6 +57,17 @@ def test_rivals_read_the_same_by_all_sensors_but_one():
     assert np.abs(difference[:, 3]).min() > np.radians(5.0)
 
 
+def test_an_orientation_is_found_that_some_sensors_determine_hardly():
+    device = Device(PAPER)
+    begin = workspace_pose(*np.radians([5.0, 30.0, 20.0]))
+    place = device.undetermined((0, 1, 2, 3), begin, np.random.default_rng(1))
+    determined = [
+        np.linalg.svd(device.rates(rotation)[:4], compute_uv=False)[-1]
+        for rotation in (begin, place)
+    ]
+    assert determined[1] < 0.1 * determined[0]
+
+
 @pytest.mark.parametrize('kind', list(KINDS))
 def test_each_kind_has_cases_that_its_choices_settle(kind):
     one = first_case(kind)

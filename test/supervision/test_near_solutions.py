@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_distance,
     rotation_from_quaternion,
 )
+from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.setting import complete
@@ -38,7 +39,7 @@ def geometry_of(settings):
 
 def error_over_promise(quaternion, sensors, fault, rate, bias=0.0, way=(), **settings):
     """
-    Return the largest error over what is promised, held for eleven published samples in a row.
+    Return the largest error over what is promised, held for longer than the time to alert.
 
     `fault` is a sensor's place and its fault (deg) sample by sample, behind `BEFORE` samples
     without one, of a device that rests; before that it may have come there by a `way` of rotation
@@ -79,7 +80,8 @@ def error_over_promise(quaternion, sensors, fault, rate, bias=0.0, way=(), **set
     ]
     promised = np.maximum(result.protection_level, result.bounds[:, place])[shown]
     ratios = np.degrees(errors) / promised
-    return np.lib.stride_tricks.sliding_window_view(ratios, 11).min(axis=1).max()
+    held = max(10, round(0.02 * rate)) + 1
+    return np.lib.stride_tricks.sliding_window_view(ratios, held).min(axis=1).max()
 
 
 @pytest.mark.parametrize(
@@ -174,6 +176,22 @@ def test_a_drift_of_one_of_five_over_a_bent_parity_stays_within_its_bound(
     ratio = error_over_promise(
         quaternion, 5, (place, drift), 500.0, working_mode=mode, window=0.04, alert_limit_deg=3.0
     )
+    assert ratio <= 1.0
+
+
+@pytest.mark.parametrize(
+    ('pose', 'place', 'half', 'size'),
+    [
+        ((18.24, 74.99, 11.26), 2, 6, 19.57),
+        ((1.61, 300.04, 14.26), 2, 5, 18.8),
+        ((11.32, 315.12, 85.13), 1, 3, 18.17),
+    ],
+)
+def test_v9_a_wave_without_mean_stays_within_its_level(pose, place, half, size):
+    """The limit of a single sample and that of the mean were 1.16 to 1.25 of it together."""
+    wave = size * SIGMA * np.where((np.arange(260) // half) % 2 == 0, 1.0, -1.0)
+    quaternion = quaternion_from_matrix(workspace_pose(*np.radians(pose)))
+    ratio = error_over_promise(quaternion, 4, (place, wave), 2000.0, alert_limit_deg=3.0)
     assert ratio <= 1.0
 
 
