@@ -7,7 +7,7 @@ from math import radians
 
 import numpy as np
 import pytest
-from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.exceptions import SpmError, UnreachableError
 from spm_haptic_master.kinematics import Geometry, UsedSensors
 from spm_haptic_master.kinematics.estimation.damped_fit import explaining_orientation
 from spm_haptic_master.kinematics.estimation.sample_estimates import estimate_sample
@@ -97,3 +97,30 @@ def test_readings_that_fit_nowhere_are_not_explained_without_a_start():
     readings = angles_at(USUAL, MODE)
     readings[1] += radians(30.0)
     assert explained(readings, start=None) is None
+
+
+@pytest.mark.parametrize('azimuth', [0.0, 30.0, 150.0, 270.0])
+@pytest.mark.parametrize('has_start', [True, False])
+def test_a_leg_at_the_end_of_its_reach_explains_nothing_and_raises_nothing(azimuth, has_start):
+    """There it is on the boundary of its working mode, which the steps cannot pass."""
+    edge = edge_of_reach(radians(azimuth))
+    assert explained(angles_at(edge, MODE), edge if has_start else None) is None
+
+
+def edge_of_reach(azimuth):
+    """Return the last orientation that all legs reach as the platform tilts towards an azimuth."""
+    reached = radians(15)
+    beyond = radians(110)
+    for _ in range(60):
+        tilt = 0.5 * (reached + beyond)
+        try:
+            angles_at(tilted(tilt, azimuth), MODE)
+            reached = tilt
+        except UnreachableError:
+            beyond = tilt
+    return tilted(reached, azimuth)
+
+
+def tilted(tilt, azimuth):
+    """Return an orientation of the workspace, as a quaternion."""
+    return tuple(quaternion_from_matrix(workspace_pose(tilt, azimuth, radians(20))))

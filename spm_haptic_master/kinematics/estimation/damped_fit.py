@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 
-from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.closed_form import possible_starts, start_at
 from spm_haptic_master.kinematics.estimation.gauss_newton import is_in_mode, moved
@@ -82,15 +82,17 @@ def explaining_orientation(
     Returns
     -------
     tuple of four float, or None
-        Quaternion x, y, z, w; None if the steps lead to none, or a leg that lacks a reading does
-        not reach the orientation to start from.
+        Quaternion x, y, z, w; None if the steps lead to none, or to the boundary of the working
+        mode, or a leg that lacks a reading does not reach the orientation to start from.
 
     """
     known = known_readings(readings, sensors)
     for start in _starts(near, known, geometry):
-        found = _explaining_from(start, known, sensors, geometry, working_mode, most)
-        if found is not None:
-            return found
+        # A leg may come to the boundary of its working mode on the way.
+        with suppress(SingularityError):
+            found = _explaining_from(start, known, sensors, geometry, working_mode, most)
+            if found is not None:
+                return found
     return None
 
 
@@ -115,7 +117,11 @@ def _explaining_from(
     working_mode: WorkingMode,
     most: float,
 ) -> Quaternion[float] | None:
-    """Return the orientation of the first state that explains the known readings."""
+    """
+    Return the orientation of the first state that explains the known readings.
+
+    SingularityError if a leg comes to the boundary of its working mode.
+    """
     readings = tuple([0.0 if angle is None else angle for angle in known[: len(sensors.sigma)]])
     for _ in range(STEPS):
         th1a, th2a, th3a, th1b, th1c = state
