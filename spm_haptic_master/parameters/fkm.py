@@ -22,9 +22,9 @@ from spm_haptic_master.parameters.setting import (
 )
 
 # Sensors that determine an orientation, that check each other by one parity, by two.
-THREE = 3
-FOUR = 4
-FIVE = 5
+THREE_SENSORS = 3
+FOUR_SENSORS = 4
+FIVE_SENSORS = 5
 SAMPLES_AN_HOUR = 3.6e6  # that the rate of false alarms refers to: 1 kHz
 # Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
 TESTS = 6
@@ -581,7 +581,7 @@ def limits_from(values: Values) -> Limits:
     ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
     # Five check each other by two parities: two that are wrong do not cancel in both.
     never = values['sensors'] + 1
-    fewest = {'allow': THREE, 'auto': FIVE if values['sensors'] > FIVE else never, 'stop': never}
+    fewest = {'allow': THREE_SENSORS, 'auto': FIVE_SENSORS if values['sensors'] > FIVE_SENSORS else never, 'stop': never}
     same = {field.name: values[field.name] for field in fields(Limits) if field.name in values}
     return Limits(
         **same,
@@ -628,9 +628,9 @@ def _each(values: Values, name: str) -> tuple[float, ...]:
     """
     given = values[name]
     sensors = values['sensors']
-    if len(given) not in (FOUR, sensors):
+    if len(given) not in (FOUR_SENSORS, sensors):
         raise SettingError(
-            name, list(given), 'a list of ' + ' or '.join(map(str, sorted({FOUR, sensors})))
+            name, list(given), 'a list of ' + ' or '.join(map(str, sorted({FOUR_SENSORS, sensors})))
         )
     further = given[-1:] * (sensors - len(given))
     return tuple(map(radians, (*given, *further)))

@@ -55,7 +55,7 @@ class Anchor:
     def prior(self, stamp: int) -> Place | None:
         """Return the last orientation while it still selects among solutions at a stamp, ns."""
         place = self.place
-        return place if place is not None and place.selects(stamp) else None
+        return place if place is not None and place.is_recent_at(stamp) else None
 
     def discontinuity(
         self,

@@ -206,7 +206,7 @@ class FaultLatch:
         self.fault = Fault(
             symptom,
             stamp,
-            is_single_parity=self._sensors.used.entries < 2,
+            is_single_parity=self._sensors.used.parity_count < 2,
             jumped={sensor: self._joints.departure(sensor) for sensor in jumped},
         )
         if not jumped:
@@ -243,7 +243,7 @@ class FaultLatch:
     def _suspects(self, fault: Fault) -> tuple[int, ...]:
         """Return the sensors that have to be checked: the isolated one, or all in use."""
         sensor = fault.symptom.sensor
-        return self._sensors.used.places if sensor is None else (sensor,)
+        return self._sensors.used.members if sensor is None else (sensor,)
 
     def end_if_over(self, exposure: Exposure, stamp: int) -> bool:
         """Note a consistent sample at a stamp, ns; return whether the fault is over and ended."""
@@ -335,7 +335,7 @@ class FaultLatch:
             return self._widen(self.fault, sample, symptoms)
         if self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH:
             return self._latch_isolated(sample, symptoms, cause)
-        if self._sensors.used.entries > 1 and self.is_series:
+        if self._sensors.used.parity_count > 1 and self.is_series:
             return self._isolated(sample, symptoms)
         return None
 
@@ -346,7 +346,7 @@ class FaultLatch:
 
     def _count(self, stamp: int, symptoms: list[Symptom]) -> None:
         """Count a bad sample at a stamp, ns, and a run of them that begins with it."""
-        alone = self._joints.alone(self._sensors.used.places)
+        alone = self._joints.alone(self._sensors.used.members)
         if not self._bad or stamp - self._last_bad > RUN_GAP:
             self._bad = 0
             if self.fault is None:
@@ -371,7 +371,7 @@ class FaultLatch:
         if cause.sensor is None and sensor in self._alone:
             reason = Reason.JUMPED
         symptom = cause._replace(reason=reason, sensor=sensor)
-        self.latch(sample.stamp, symptom, self._joints.left(self._sensors.used.places))
+        self.latch(sample.stamp, symptom, self._joints.left(self._sensors.used.members))
         return sensor
 
     def _widen(self, fault: Fault, sample: Sample, symptoms: list[Symptom]) -> int | None:
@@ -383,7 +383,7 @@ class FaultLatch:
         fault.last_bad = sample.stamp
         fault.agreed_from = None
         fault.waiting = ()
-        for left in self._joints.left(self._sensors.used.places):
+        for left in self._joints.left(self._sensors.used.members):
             fault.jumped.setdefault(left, self._joints.departure(left))
         named = {symptom.sensor for symptom in symptoms} - {None}
         # One parity shows a second fault, and not which.
@@ -409,7 +409,7 @@ class FaultLatch:
             if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD
         }
         suspects = named or set(standing)
-        if not named and len(suspects) > 1 and self._sensors.used.entries < 2:
+        if not named and len(suspects) > 1 and self._sensors.used.parity_count < 2:
             # A joint that left its motion by itself, while the others stayed on theirs.
             suspects &= set(self._alone)
         return suspects.pop() if len(suspects) == 1 else None
@@ -422,4 +422,4 @@ class FaultLatch:
         if len(jumps) > 1:
             symptom = symptom._replace(sensor=None)
         self.onset = stamp
-        self.latch(stamp, symptom, self._joints.left(self._sensors.used.places))
+        self.latch(stamp, symptom, self._joints.left(self._sensors.used.members))

@@ -101,8 +101,8 @@ class Folds:
         turn = self._bend(parts, used, worth, change)
         here = estimate.quaternion
         if self._computed_at is None or not is_within(self._computed_at, here, turn):
-            for sensor in used.places:
-                self._curvatures[sensor] = used.solver.curvature(estimate, sensor)
+            for sensor in used.members:
+                self._curvatures[sensor] = used.solver.parity_curvature(estimate, sensor)
             self._computed_at = here
             parts = used.parts(worth)
             self._bend(parts, used, worth, change)
@@ -126,7 +126,7 @@ class Folds:
         turn = ANY_TURN
         largest_bend = largest_slope = 0.0
         healthy = worth.healthy
-        for sensor in used.places:
+        for sensor in used.members:
             linear = parts[sensor] - healthy
             if linear == inf:
                 self._bends[sensor] = inf

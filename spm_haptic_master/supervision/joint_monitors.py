@@ -10,7 +10,7 @@ from math import degrees, hypot, inf
 from operator import add
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.fkm import FOUR, Limits
+from spm_haptic_master.parameters.fkm import FOUR_SENSORS, Limits
 from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
 from spm_haptic_master.supervision.sample import Angles
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
@@ -190,7 +190,7 @@ class JointMonitors:
         """
         alone = self.alone(used, QUIET_SAMPLES)
         is_single = len(alone) == 1
-        is_seen = alone[0] not in unseen if is_single else len(used) != FOUR
+        is_seen = alone[0] not in unseen if is_single else len(used) != FOUR_SENSORS
         if is_seen:
             return []
         least = Step.SUSPECTED if is_gap or is_single else Step.CERTAIN

@@ -137,13 +137,13 @@ class Rivals:
 
         """
         used = self._sensors.used
-        if used.estimate is None or used.worth is None or not used.entries:
+        if used.estimate is None or used.worth is None or not used.parity_count:
             self._used = ()
             self._parts = [inf] * self._count
             self.unseen_steps = {}
             return self._parts
-        if used.places != self._used:
-            self._change_sensors(used.places)
+        if used.members != self._used:
+            self._change_sensors(used.members)
         here = Place(sample.stamp, used.estimate.quaternion)
         self._parts = self._folds.parts(used, used.estimate, used.worth)
         self._limit = limit
@@ -477,7 +477,7 @@ class Rivals:
         allows for.
         """
         place = rival.place
-        if self._sensors.used.entries > 1:
+        if self._sensors.used.parity_count > 1:
             return 1
         is_near = place is not None and self._search.reach(sample, place) <= NEAR_REACH
         return 1 if is_near else MISSES
@@ -543,7 +543,7 @@ class Rivals:
         sensor = rival.sensor
         used = self._sensors.used
         try:
-            fault = used.solver.fault(solution, sensor, sample)
+            fault = used.solver.implied_fault(solution, sensor, sample)
         except SpmError:
             # At the edge of a leg's reach any fault explains it.
             rival.least_step = 0.0

@@ -38,7 +38,7 @@ class Place:
     stamp: int
     quaternion: Quaternion[float]
 
-    def selects(self, stamp: int) -> bool:
+    def is_recent_at(self, stamp: int) -> bool:
         """Whether the orientation is recent enough to select among solutions at a stamp, ns."""
         return stamp - self.stamp <= PRIOR_AGE
 

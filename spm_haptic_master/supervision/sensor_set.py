@@ -73,13 +73,13 @@ class SensorSet:
         left_out: Collection[int] = (),
     ) -> None:
         self.sensors = UsedSensors(sigma, left_out)
-        self.places = self.sensors.used
-        self.entries = self.sensors.count - 3
+        self.members = self.sensors.used
+        self.parity_count = self.sensors.count - 3
         self.estimate: SampleEstimate | None = None
         self.worth: Integrity | None = None
         self.solver = solver
         self._speed = limits.joint_speed
-        entries = max(self.entries, 1)
+        entries = max(self.parity_count, 1)
         self.threshold = limits.threshold(entries)
         self._window = ParityWindow(self.threshold, entries, limits.window)
 
@@ -104,7 +104,7 @@ class SensorSet:
 
         """
         self.estimate = self.worth = None
-        if not self.entries and sample.prior is None:
+        if not self.parity_count and sample.prior is None:
             return withheld(Reason.UNDETERMINED, 'three sensors need the last orientation')
         prior = None if sample.prior is None else sample.prior.quaternion
         try:
@@ -118,7 +118,7 @@ class SensorSet:
         self.estimate = estimate
         self.worth = worth
         symptom = None
-        if self.entries:
+        if self.parity_count:
             symptom = self._window.test(
                 sample.stamp, estimate.parity_vector, worth.noise, worth.bias
             )
@@ -159,12 +159,12 @@ class SensorSet:
 
     def _others(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
         """Return the solutions of a sample but the one found; duplicates are possible."""
-        if self.entries:
-            return self.solver.others(found, angles)
+        if self.parity_count:
+            return self.solver.other_solutions(found, angles)
         near = TURN_DEVIATIONS * found.total_deviation
         return [
             solution
-            for solution in self.solver.every(angles, self.sensors)
+            for solution in self.solver.all_solutions(angles, self.sensors)
             if not is_within(solution.quaternion, found.quaternion, near)
         ]
 
@@ -177,7 +177,7 @@ class SensorSet:
     def near(self, sample: Sample, quaternion: Quaternion[float]) -> SampleEstimate | None:
         """Return the solution next to an orientation if the sensors in use agree there."""
         try:
-            estimate = self.solver.near(quaternion, sample.angles, self.sensors)
+            estimate = self.solver.fit_near(quaternion, sample.angles, self.sensors)
         except SpmError:
             return None
         return estimate if self.agrees(sample, estimate) else None
@@ -194,15 +194,15 @@ class SensorSet:
         are largest anywhere.
         """
         sigma = self.sensors.sigma
-        whitened = [sample.bias[place] / sigma[place] for place in self.places]
+        whitened = [sample.bias[place] / sigma[place] for place in self.members]
         limit = self._window.limit(max(sample.factors), hypot(*whitened))
-        return self.solver.explaining(near, sample.angles, self.sensors, limit)
+        return self.solver.explaining_orientation(near, sample.angles, self.sensors, limit)
 
     def every(self, sample: Sample) -> list[SampleEstimate]:
         """Return every orientation with which the sensors in use agree."""
         return [
             estimate
-            for estimate in self.solver.every(sample.angles, self.sensors)
+            for estimate in self.solver.all_solutions(sample.angles, self.sensors)
             if self.agrees(sample, estimate)
         ]
 
@@ -228,7 +228,7 @@ class SensorSet:
         sigma = self.sensors.sigma
         if self.estimate is None:
             return [inf] * len(sigma)
-        excess = max(self._window.variance - 1.0, 0.0) * self.entries
+        excess = max(self._window.variance - 1.0, 0.0) * self.parity_count
         bounds = []
         for size, deviation in zip(self.estimate.parity_sizes, sigma, strict=True):
             share = (size * deviation) ** 2
@@ -256,7 +256,7 @@ class SensorSet:
             noise = factors[sensor] * sigma[sensor]
             return MISSED_DETECTION * noise * estimate.gain_sizes[sensor] / parts[sensor]
 
-        noisiest = max(self.places, key=excess)
+        noisiest = max(self.members, key=excess)
         if excess(noisiest) <= 1.0:
             return None
         noise = degrees(factors[noisiest] * sigma[noisiest])

@@ -16,7 +16,7 @@ from functools import partial
 from math import isnan, nan
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.fkm import FOUR, Limits, THREE
+from spm_haptic_master.parameters.fkm import FOUR_SENSORS, Limits, THREE_SENSORS
 from spm_haptic_master.supervision.sample import Angles, Place, Sample
 from spm_haptic_master.supervision.sensor_set import SensorSet
 from spm_haptic_master.supervision.solver import Solver
@@ -116,14 +116,14 @@ class SensorsInUse:
     def one_less(self, sensor: int) -> SensorSet | None:
         """Return the sensors in use but one; None if fewer than three are left."""
         left_out = {sensor, *self.left_out}
-        if len(self._gone) - len(left_out) < THREE:
+        if len(self._gone) - len(left_out) < THREE_SENSORS:
             return None
         return self.without(*left_out)
 
     def _update(self) -> None:
         """Derive the sensors in use and the words from what is missing and distrusted."""
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
-        if len(self._gone) - len(self.left_out) >= THREE:
+        if len(self._gone) - len(self.left_out) >= THREE_SENSORS:
             self.used = self.without(*self.left_out)
         self.words = ', '.join(
             f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
@@ -151,7 +151,7 @@ class SensorsInUse:
         """Return why the sensors in use do not suffice."""
         read = len(angles) - len(self.missing)
         used = len(angles) - len(self.left_out)
-        if read >= FOUR and used >= min(FOUR, self._limits.fewest_sensors):
+        if read >= FOUR_SENSORS and used >= min(FOUR_SENSORS, self._limits.fewest_sensors):
             return None
         first = self.missing[0] if self.missing else None
         return withheld(Reason.MISSING, f'{list(angles)} rad', first)
@@ -161,7 +161,7 @@ class SensorsInUse:
         not_used = {*self.missing, *self.distrusted}
         if place in self.distrusted:
             self.distrusted[place].trial = None
-        elif len(self._gone) - len(not_used) >= FOUR:
+        elif len(self._gone) - len(not_used) >= FOUR_SENSORS:
             self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
 
     # Trials --------------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ class SensorsInUse:
         distrusted = set(self.distrusted)
         trusted = [place for place in range(len(self._gone)) if place not in distrusted]
         for sensor in trusted:
-            if len(trusted) > THREE:
+            if len(trusted) > THREE_SENSORS:
                 yield tuple(sorted({*distrusted, sensor}))
             for back in distrusted:
                 yield tuple(sorted({*distrusted, sensor} - {back}))
@@ -254,20 +254,20 @@ class SensorsInUse:
 
     def _without_one(self) -> Iterator[tuple[int, Trial]]:
         """Yield each sensor in use with the trial of the others, if there is one."""
-        for sensor in self.used.places:
+        for sensor in self.used.members:
             trial = self._trials.get(tuple(sorted({*self.distrusted, sensor})))
             if trial is not None:
                 yield sensor, trial
 
     @property
-    def are_all_tested(self) -> bool:
+    def are_trials_conclusive(self) -> bool:
         """
         Whether the trial without each sensor in use can show that the others agree.
 
         It cannot for a sensor that may have drifted while it was hidden. It can for one with a
         rival, which was either wrong at the start or after a gap already, or is not.
         """
-        return all(trial.can_agree for _, trial in self._without_one())
+        return all(trial.is_conclusive for _, trial in self._without_one())
 
     def exclude(self, sensor: int) -> None:
         """Leave a faulty sensor out."""
@@ -332,7 +332,7 @@ class SensorsInUse:
             )
             trial.place = here
             agrees = trial.follow(sample, self._limits.joint_speed)
-            if is_back and not agrees and not self.used.entries:
+            if is_back and not agrees and not self.used.parity_count:
                 symptom = Symptom(
                     Reason.INCONSISTENT,
                     f'{ALL_JOINT_NAMES[sensor]} had come back, and does not agree',

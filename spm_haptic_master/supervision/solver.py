@@ -106,7 +106,7 @@ class Solver:
             self._consistent,
         )
 
-    def others(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
+    def other_solutions(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
         """
         Return the solutions of a sample but the one `found`, some of them twice.
 
@@ -114,7 +114,7 @@ class Solver:
         """
         return other_solutions(found, angles, self._geometry, self._working_mode)
 
-    def near(
+    def fit_near(
         self,
         quaternion: Quaternion[float],
         angles: Angles,
@@ -123,7 +123,7 @@ class Solver:
         """Return the solution of a sample next to an orientation; SpmError as of `fit_near`."""
         return fit_near(quaternion, angles, sensors, self._geometry, self._working_mode)
 
-    def explaining(
+    def explaining_orientation(
         self,
         near: Quaternion[float] | None,
         angles: Angles,
@@ -135,7 +135,7 @@ class Solver:
             near, angles, sensors, self._geometry, self._working_mode, most
         )
 
-    def every(self, angles: Angles, sensors: UsedSensors) -> list[SampleEstimate]:
+    def all_solutions(self, angles: Angles, sensors: UsedSensors) -> list[SampleEstimate]:
         """
         Return all solutions of a sample in the working mode, by the closed forms and Gauss-Newton.
 
@@ -143,7 +143,7 @@ class Solver:
         """
         return all_solutions(angles, sensors, self._geometry, self._working_mode)
 
-    def fault(self, others: SampleEstimate, sensor: int, sample: Sample) -> ImpliedFault:
+    def implied_fault(self, others: SampleEstimate, sensor: int, sample: Sample) -> ImpliedFault:
         """
         Return the fault of a sensor if an orientation by the others is right; see `implied_fault`.
 
@@ -177,7 +177,7 @@ class Solver:
             self._working_mode,
         )
 
-    def curvature(self, estimate: SampleEstimate, sensor: int) -> float:
+    def parity_curvature(self, estimate: SampleEstimate, sensor: int) -> float:
         """
         Return how much the parity bends along the turn that a fault of a sensor makes, 1 / rad^2.
 

@@ -249,7 +249,7 @@ class Supervisor:
             return None
         self._noise_sample = self.joints.samples
         self.joints.follow_noise(used.noise_bounds())
-        return used.too_noisy(sample) if used.entries > 1 and self._may_exclude() else None
+        return used.too_noisy(sample) if used.parity_count > 1 and self._may_exclude() else None
 
     def _solve(self, sample: Sample) -> Symptom | None:
         """
@@ -302,7 +302,7 @@ class Supervisor:
         if self._state.published is None:
             # Before the first orientation there is no motion to compare with.
             return []
-        return self._unseen_jumps.found(self._sensors.used.places, is_gap, any_step)
+        return self._unseen_jumps.found(self._sensors.used.members, is_gap, any_step)
 
     def _may_exclude(self) -> bool:
         """Whether the others can go on without one of the sensors in use."""
@@ -340,7 +340,7 @@ class Supervisor:
         Three always agree: they may go on only if no other sensor can have been wrong before,
         unseen.
         """
-        if not self._sensors.are_all_tested:
+        if not self._sensors.are_trials_conclusive:
             return False
         return sensor in self._sensors.passing(sample.stamp, self.latch.onset)
 
@@ -402,7 +402,7 @@ class Supervisor:
     def _withhold_unworthy(self, stamp: int, cause: Symptom) -> Verdict:
         """Withhold a consistent orientation that is not worth enough."""
         is_unsure = cause.reason in (Reason.UNDETERMINED, Reason.UNPROTECTED)
-        if is_unsure and not self._sensors.used.entries:
+        if is_unsure and not self._sensors.used.parity_count:
             # Two solutions of three sensors may meet: only all sensors can continue after it.
             self.latch.latch(stamp, cause)
         return self._withhold(cause)

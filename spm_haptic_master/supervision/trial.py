@@ -48,7 +48,7 @@ class Trial:
         Where the platform was when the set last agreed; None if that is not known.
     has_failed : bool
         Whether a sample contradicted its hypothesis.
-    can_agree : bool
+    is_conclusive : bool
         Whether samples can show that the set agrees. Of three sensors only those can whose motion
         was known shortly before, or whose place is not known at all.
 
@@ -68,7 +68,7 @@ class Trial:
         self.has_failed = False
         # Where the set explained the readings last, or the platform was before; None: not known.
         self._near = None if place is None else place.quaternion
-        self.can_agree = sensor_set.entries > 0 or since is not None or place is None
+        self.is_conclusive = sensor_set.parity_count > 0 or since is not None or place is None
         sensor_set.restart()
 
     def follow(self, sample: Sample, speed: float) -> bool:
@@ -81,7 +81,7 @@ class Trial:
         if self._near is None and sample.prior is not None:
             self._near = sample.prior.quaternion
         place = self.place
-        is_recent = place is not None and place.selects(sample.stamp)
+        is_recent = place is not None and place.is_recent_at(sample.stamp)
         own = replace(sample, prior=place if is_recent else None)
         symptom = self.sensor_set.solve(own)
         if symptom is not None or not self._continues(own, speed):
@@ -134,7 +134,7 @@ class Trial:
     @property
     def _is_motion_unknown(self) -> bool:
         """Whether three sensors are on trial without a motion that the next sample continues."""
-        return not self.sensor_set.entries and self._since is None
+        return not self.sensor_set.parity_count and self._since is None
 
     def _continues(self, sample: Sample, speed: float) -> bool:
         """Whether a sample continues the trial: determined, and in reach of `place`."""

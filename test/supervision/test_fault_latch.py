@@ -60,7 +60,7 @@ class Device:
         self.checked = ()
         places = tuple(range(entries + 3))
         sensors = SimpleNamespace(
-            used=SimpleNamespace(entries=entries, places=places),
+            used=SimpleNamespace(parity_count=entries, members=places),
             standing=lambda stamp, onset: list(self.standing),
         )
         self.latch = FaultLatch(sensors, self.joints, 1.0)

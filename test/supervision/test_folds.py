@@ -61,7 +61,7 @@ def test_no_curvature_is_kept_on_the_way_into_a_fold():
         parts = kept.parts(sensor_set, estimate, worth)
         renewed = Folds(4).parts(sensor_set, estimate, worth)
         # Where the device cannot turn by 0.03 rad there is no curvature at all.
-        known = [solver.curvature(estimate, sensor) < inf for sensor in range(4)]
+        known = [solver.parity_curvature(estimate, sensor) < inf for sensor in range(4)]
         for sensor in np.flatnonzero(np.array(parts) < np.radians(3.0)):
             if known[sensor]:
                 assert renewed[sensor] <= 1.1 * parts[sensor], (step, sensor)
@@ -81,8 +81,8 @@ class Bent:
         self.worth = SimpleNamespace(healthy=self.healthy, slopes=slopes)
         self.curvatures = curvatures
         self.computed = 0
-        self.places = tuple(range(len(linear)))
-        self.solver = SimpleNamespace(curvature=self.curvature)
+        self.members = tuple(range(len(linear)))
+        self.solver = SimpleNamespace(parity_curvature=self.curvature)
         self.folds = Folds(len(linear))
 
     def curvature(self, estimate, sensor):

@@ -25,7 +25,7 @@ UNDETERMINED = Symptom(Reason.INCONSISTENT, severity=Severity.LATCH)
 
 def latched(stamp):
     """Return a latch of four sensors with a fault of an undetermined one."""
-    used = SimpleNamespace(entries=1, places=(0, 1, 2, 3))
+    used = SimpleNamespace(parity_count=1, members=(0, 1, 2, 3))
     sensors = SimpleNamespace(used=used, standing=lambda stamp, onset: [])
     joints = SimpleNamespace(
         left=lambda used: [],

@@ -110,8 +110,8 @@ def sample(stamp, **fields):
 
 def test_a_place_selects_among_solutions_for_a_tenth_of_a_second():
     place = Place(700 * MS, turned(0.0))
-    assert place.selects(800 * MS)
-    assert not place.selects(800 * MS + 1)
+    assert place.is_recent_at(800 * MS)
+    assert not place.is_recent_at(800 * MS + 1)
 
 
 @pytest.mark.parametrize(

@@ -63,15 +63,15 @@ class World:
         self.bends = {}
         self.turns = []
         self.used = SimpleNamespace(
-            entries=entries,
-            places=tuple(range(count)),
+            parity_count=entries,
+            members=tuple(range(count)),
             threshold=THRESHOLD,
             parts=lambda worth: list(self.part),
             worth=SimpleNamespace(healthy=0.0, slopes=(1.0,) * count),
             solver=SimpleNamespace(
-                curvature=lambda estimate, sensor: self.bends.get(sensor, 0.0),
+                parity_curvature=lambda estimate, sensor: self.bends.get(sensor, 0.0),
                 turned_by_fault=self.turned_by_fault,
-                fault=self.implied,
+                implied_fault=self.implied,
             ),
         )
         sensors = SimpleNamespace(
@@ -189,10 +189,10 @@ def test_a_sensor_that_is_not_checked_waits_for_its_rivals():
 
 def test_without_a_parity_nothing_is_bounded():
     world = known()
-    world.used.entries = 0
+    world.used.parity_count = 0
     assert world.follow() == [inf] * 4
     assert world.rivals.unseen_steps == {}
-    world.used.entries = 1
+    world.used.parity_count = 1
     assert world.follow() == [PART] * 4
     world.rivals.unseen_steps = {0: 1.0}
     world.used.estimate = None
@@ -480,7 +480,7 @@ def test_with_more_than_four_places_the_truth_may_be_anywhere(places, is_anywher
 
 def test_with_other_sensors_those_with_rivals_may_have_more():
     world = known(_2=(1.0,), _3=(1.0,))
-    world.used.places = (0, 1, 2)
+    world.used.members = (0, 1, 2)
     world.others = {2: (1.0, 2.0), 1: (2.0,)}
     for _ in range(20):
         parts = world.follow()
@@ -495,7 +495,7 @@ def test_what_was_hidden_stays_so_while_another_is_not_in_use():
     world.part[1] = 1.01 * LIMIT
     world.follow(0.009)
     world.follow(0.018)
-    world.used.places = (0, 1, 2)
+    world.used.members = (0, 1, 2)
     world.follow(0.027)
     world.part[1] = PART
     world.others = {1: (0.08,)}
@@ -524,11 +524,11 @@ def test_what_was_hidden_while_it_was_not_in_use_is_forgotten():
     world = known()
     world.part[3] = 1.01 * LIMIT
     world.follow()
-    world.used.places = (0, 1, 2)
+    world.used.members = (0, 1, 2)
     for step in range(1, 6):
         world.follow(0.009 * step)
     world.part[3] = PART
-    world.used.places = (0, 1, 2, 3)
+    world.used.members = (0, 1, 2, 3)
     world.others = {3: (0.15,)}
     for _ in range(10):
         assert world.follow() == [PART] * 4
@@ -536,9 +536,9 @@ def test_what_was_hidden_while_it_was_not_in_use_is_forgotten():
 
 def test_once_three_sensors_were_in_use_there_may_be_more_rivals():
     world = known(_2=(1.0,))
-    world.used.entries = 0
+    world.used.parity_count = 0
     world.follow()
-    world.used.entries = 1
+    world.used.parity_count = 1
     assert world.follow() == [PART, PART, inf, PART]
 
 
@@ -553,7 +553,7 @@ def test_curvatures_are_those_of_the_sensors_in_use(restarts):
     if restarts:
         world.rivals.restart()
     else:
-        world.used.places = (0, 1, 2, 3)
+        world.used.members = (0, 1, 2, 3)
     for _ in range(6):
         parts = world.follow()
     # Of e - 20 e^2 = 0.01 the smaller solution.

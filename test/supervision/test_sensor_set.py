@@ -54,18 +54,18 @@ class Solutions:
             raise self.error
         return self.found
 
-    def others(self, found, angles):
+    def other_solutions(self, found, angles):
         self.searches += 1
         return self.other
 
-    def every(self, angles, sensors):
+    def all_solutions(self, angles, sensors):
         self.searches += 1
         return self.other
 
-    def near(self, quaternion, angles, sensors):
+    def fit_near(self, quaternion, angles, sensors):
         return self.solve(angles, sensors, quaternion)
 
-    def explaining(self, near, angles, sensors, most):
+    def explaining_orientation(self, near, angles, sensors, most):
         """Return what is asked."""
         return near, sensors.used, most
 
@@ -105,7 +105,7 @@ class Case:
         return replace(
             self.estimate,
             quaternion=quaternion,
-            parity_vector=(parity,) + (0.0,) * (max(self.set.entries, 1) - 1),
+            parity_vector=(parity,) + (0.0,) * (max(self.set.parity_count, 1) - 1),
         )
 
 
@@ -120,8 +120,8 @@ class Case:
 )
 def test_the_parity_has_an_entry_for_each_sensor_beyond_three(sensors, left_out, places, entries):
     members = SensorSet(None, (SIGMA,) * sensors, product_limits(), left_out)
-    assert members.places == places
-    assert members.entries == entries
+    assert members.members == places
+    assert members.parity_count == entries
     assert members.threshold == product_limits().threshold(max(entries, 1))
     assert members.estimate is None
     assert members.worth is None
@@ -284,7 +284,7 @@ def test_the_measured_variance_of_the_parity_bounds_the_noise_of_each_sensor(sen
     """The sum of the entries' variances is n + s (f^2 - 1) for a share s and a factor f."""
     case = Case(sensors, left_out)
     assert case.set.noise_bounds() == [inf] * sensors
-    entries = case.set.entries
+    entries = case.set.parity_count
     beside = ParityWindow(case.set.threshold, entries, case.limits.window)
     for number in range(100):
         case.solver.found = case.off(4.0 * (-1.0) ** number)

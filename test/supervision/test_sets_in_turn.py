@@ -45,13 +45,13 @@ class Agreement:
             raise SingularityError('wrong')
         return estimate_of(sensors)
 
-    def others(self, found, angles):
+    def other_solutions(self, found, angles):
         return []
 
-    def every(self, angles, sensors):
+    def all_solutions(self, angles, sensors):
         return []
 
-    def explaining(self, near, angles, sensors, most):
+    def explaining_orientation(self, near, angles, sensors, most):
         return None
 
 
@@ -119,15 +119,15 @@ def test_a_reading_that_no_joint_has_is_none(value):
 def test_two_samples_without_a_reading_leave_a_sensor_out_for_as_long():
     mounted = Mounted()
     sensors = mounted.sensors
-    assert sensors.used.places == (0, 1, 2, 3, 4, 5)
+    assert sensors.used.members == (0, 1, 2, 3, 4, 5)
     for _ in range(3):
         assert mounted.read(4, count=2) is None
         assert sensors.missing == sensors.left_out == (4,)
-        assert sensors.used.places == (0, 1, 2, 3, 5)
+        assert sensors.used.members == (0, 1, 2, 3, 5)
         assert sensors.words == ''
         assert mounted.read() is None
         assert sensors.missing == sensors.left_out == ()
-        assert sensors.used.places == (0, 1, 2, 3, 4, 5)
+        assert sensors.used.members == (0, 1, 2, 3, 4, 5)
 
 
 def test_three_samples_without_a_reading_are_a_missing_sensor():
@@ -180,26 +180,26 @@ def test_how_few_sensors_may_go_on_is_a_limit(fewest, suffices):
     assert (cause is None) == suffices
     if not suffices:
         assert cause.sensor is None
-    assert mounted.sensors.used.places == (0, 2, 3)
+    assert mounted.sensors.used.members == (0, 2, 3)
 
 
 def test_the_set_in_use_stays_if_fewer_than_three_are_left():
     mounted = Mounted(4)
     mounted.read(1)
-    assert mounted.sensors.used.places == (0, 2, 3)
+    assert mounted.sensors.used.members == (0, 2, 3)
     assert mounted.read(1, 2).sensor == 1
-    assert mounted.sensors.used.places == (0, 2, 3)
+    assert mounted.sensors.used.members == (0, 2, 3)
     assert mounted.sensors.left_out == (1, 2)
 
 
 def test_a_set_is_made_once_and_one_less_needs_three():
     sensors = Mounted(5).sensors
     assert sensors.without(3, 1) is sensors.without(1, 3, 3)
-    assert sensors.without(3, 1).places == (0, 2, 4)
-    assert sensors.one_less(2).places == (0, 1, 3, 4)
+    assert sensors.without(3, 1).members == (0, 2, 4)
+    assert sensors.one_less(2).members == (0, 1, 3, 4)
     sensors.exclude(1)
-    assert sensors.one_less(2).places == (0, 3, 4)
-    assert sensors.one_less(1).places == (0, 2, 3, 4)
+    assert sensors.one_less(2).members == (0, 3, 4)
+    assert sensors.one_less(1).members == (0, 2, 3, 4)
     sensors.exclude(2)
     assert sensors.one_less(3) is None
 
@@ -269,11 +269,11 @@ def test_three_others_are_tested_only_where_their_motion_is_known():
     mounted.places = {sensor: Place(BEGIN, HERE) for sensor in (0, 1, 2)}
     mounted.places[3] = Place(BEGIN - 100 * MS, HERE)
     mounted.try_others()
-    assert not mounted.sensors.are_all_tested
+    assert not mounted.sensors.are_trials_conclusive
     mounted = Mounted(4)
     mounted.places = {sensor: Place(BEGIN, HERE) for sensor in range(4)}
     mounted.try_others()
-    assert mounted.sensors.are_all_tested
+    assert mounted.sensors.are_trials_conclusive
 
 
 def test_a_missing_sensor_is_in_no_set_on_trial():
@@ -294,7 +294,7 @@ def test_an_excluded_sensor_is_named_and_ends_the_trials():
     mounted.sensors.exclude(1)
     assert not mounted.sensors.is_trying
     assert mounted.sensors.words == 'joint_1b excluded'
-    assert mounted.sensors.used.places == (0, 2, 3, 4)
+    assert mounted.sensors.used.members == (0, 2, 3, 4)
     assert mounted.sensors.distrusted[1].time == 0.02
     # The others of three more cannot be on trial with less than three.
     mounted.solver.wrong = {2}
@@ -339,7 +339,7 @@ def test_a_sensor_is_used_again_once_it_has_agreed_for_its_time():
     assert sensors.words == 'joint_1b excluded'
     mounted.readmit()
     assert sensors.words == ''
-    assert sensors.used.places == (0, 1, 2, 3, 4, 5)
+    assert sensors.used.members == (0, 1, 2, 3, 4, 5)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ class Set:
     """A set of sensors with so many parities, whose next solution is as a test says."""
 
     def __init__(self, entries=1):
-        self.entries = entries
+        self.parity_count = entries
         self.restarts = 0
         self.symptom = None
         self.estimate = SimpleNamespace(quaternion=turned(0.0), determined=True)
@@ -76,7 +76,7 @@ def place(angle=0.0, time=0):
 
 
 @pytest.mark.parametrize(
-    ('entries', 'at', 'since', 'can_agree'),
+    ('entries', 'at', 'since', 'is_conclusive'),
     [
         (1, place(), None, True),
         (0, place(), None, False),
@@ -85,11 +85,11 @@ def place(angle=0.0, time=0):
     ],
 )
 def test_three_sensors_can_agree_only_with_a_known_motion_or_without_any_place(
-    entries, at, since, can_agree
+    entries, at, since, is_conclusive
 ):
     members = Set(entries)
     trial = Trial(members, at, since)
-    assert trial.can_agree == can_agree
+    assert trial.is_conclusive == is_conclusive
     assert not trial.has_failed
     assert members.restarts == 1
 
