@@ -507,7 +507,7 @@ class Limits:
     skew: float  # s between the sampling times of two sensors of a set, at most
     joint_min: tuple[float, ...]  # rad
     joint_max: tuple[float, ...]  # rad
-    joint_speed: float  # rad/s; human motion limit
+    joint_speed: float  # rad/s; human motion limit of a joint, and of the platform's rotation
     joint_acceleration: float  # rad/s^2; human motion limit
     frozen_samples: int  # equal readings in a row that are a fault of a noisy sensor; 0: never
     deviation: float  # rad; largest total standard deviation of a published orientation
@@ -581,7 +581,11 @@ def limits_from(values: Values) -> Limits:
     ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
     # Five check each other by two parities: two that are wrong do not cancel in both.
     never = values['sensors'] + 1
-    fewest = {'allow': THREE_SENSORS, 'auto': FIVE_SENSORS if values['sensors'] > FIVE_SENSORS else never, 'stop': never}
+    fewest = {
+        'allow': THREE_SENSORS,
+        'auto': FIVE_SENSORS if values['sensors'] > FIVE_SENSORS else never,
+        'stop': never,
+    }
     same = {field.name: values[field.name] for field in fields(Limits) if field.name in values}
     return Limits(
         **same,
@@ -630,7 +634,9 @@ def _each(values: Values, name: str) -> tuple[float, ...]:
     sensors = values['sensors']
     if len(given) not in (FOUR_SENSORS, sensors):
         raise SettingError(
-            name, list(given), 'a list of ' + ' or '.join(map(str, sorted({FOUR_SENSORS, sensors})))
+            name,
+            list(given),
+            'a list of ' + ' or '.join(map(str, sorted({FOUR_SENSORS, sensors}))),
         )
     further = given[-1:] * (sensors - len(given))
     return tuple(map(radians, (*given, *further)))

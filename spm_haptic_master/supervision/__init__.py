@@ -8,9 +8,16 @@ A `Sample` passes `SampleClock` (its time), `SensorsInUse` (which readings exist
 (each joint by itself), `SensorSet` (all sensors against each other, by its `Solver`), `Anchor`
 (the last orientation), `Rivals` (other orientations that may be true) and `UnseenJumps` (steps
 that only a joint by itself shows). `Supervisor` calls them in this order and returns one
-`Verdict`. A symptom that lasts is latched by `FaultLatch`; a `Trial` shows which other sensors
+`Verdict`. A `Symptom` that lasts is latched by `FaultLatch`; a `Trial` shows which other sensors
 may take over; `Exposure` counts how long ago each sensor was last checked, and `StateMachine` has
 the words of `state`.
+
+The protection level is made in three modules: `parity` tests the sensors against each other,
+`protection` bounds what an undetected fault does to the first order, `folds` to the second.
+Without samples, `checkability` says where in the workspace each sensor can be checked, and
+`recording` runs recorded ones.
+
+A sensor is an index in ALL_JOINT_NAMES; a `Place` is an orientation at a time.
 
 Imports parameters, kinematics and the top-level modules; no clock, no I/O, no ROS.
 """

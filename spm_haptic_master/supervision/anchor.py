@@ -15,8 +15,8 @@ from spm_haptic_master.supervision.symptom import Reason, Symptom
 # Standard deviations that healthy noise turns an orientation by at most.
 TURN_DEVIATIONS = 6.0
 # Change of a reading that moves two solutions apart from where they meet, over the square of half
-# the angle between them (1 / rad): 0.4 to 1.9 in random poses to a tilt of 45 deg. Noise of sigma
-# then turns each by sigma / (FOLD * the angle between them).
+# the angle between them (1 / rad): 0.4 to 1.9 in random poses to a tilt of 45 deg. By the
+# derivative of that, noise of sigma turns each by sigma / (FOLD * the angle between them).
 FOLD = 2.0
 
 
@@ -41,7 +41,8 @@ class Anchor:
     def __init__(self, speed: float, sigma: float, bias: float) -> None:
         self._speed = speed
         # Largest total deviation of an orientation that another may continue, rad: neither noise
-        # nor bias of a sensor takes it to where two solutions meet.
+        # nor bias of a sensor takes it to where two solutions meet. With the angle to the other
+        # one, the error that does is FOLD (angle / 2)^2, and the deviation sigma / (FOLD angle).
         reading_error = TURN_DEVIATIONS * sigma + bias
         self._largest_deviation = 0.5 * sigma / sqrt(FOLD * reading_error)
         self.place: Place | None = None
@@ -49,7 +50,7 @@ class Anchor:
         self._quaternion: Quaternion[float] | None = None
 
     def restart(self) -> None:
-        """Select the next orientation as the first one; its sign still continues the last."""
+        """Have the next orientation continue none, but in the sign of its quaternion."""
         self.place = None
 
     def prior(self, stamp: int) -> Place | None:

@@ -55,7 +55,7 @@ class Checkability:
 
     @property
     def nowhere(self) -> tuple[int, ...]:
-        """Places of the sensors that are checked at no pose of the region."""
+        """Indices of the sensors that are checked at no pose of the region."""
         return tuple(sensor for sensor, share in enumerate(self.share) if share == 0.0)
 
 
@@ -140,8 +140,8 @@ def checkability(
         worth = integrity(estimate, limits.bias, noise, limits.parity_bias)
         parts.append(worth.parts(undetected))
     if not parts:
-        nowhere = (0.0,) * len(sigma)
-        return Checkability(share=nowhere, least_limit=(inf,) * len(sigma))
+        none = (0.0,) * len(sigma)
+        return Checkability(share=none, least_limit=(inf,) * len(sigma))
     table = np.array(parts)
     share = np.mean(table <= limits.alert_limit, axis=0)
     least = np.min(table, axis=0)

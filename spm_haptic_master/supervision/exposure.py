@@ -101,7 +101,7 @@ class Exposure:
     """
 
     def __init__(self, sensors: int, window: float) -> None:
-        self._every = tuple(range(sensors))
+        self._mounted = tuple(range(sensors))
         self._checks = CheckTimes(sensors, round(window * 1e9))
         # The same without the rivals from before a fault.
         self._checks_after_fault = CheckTimes(sensors, round(window * 1e9))
@@ -113,7 +113,7 @@ class Exposure:
         """Begin again after a pause of the samples; what was checked stays that long ago."""
         # Stamp (ns) of the first consistent sample since the last pause.
         self._began: int | None = None
-        self.hidden = self._every
+        self.hidden = self._mounted
         self.interrupt()
 
     def interrupt(self) -> None:

@@ -108,7 +108,11 @@ class Fault:
 
     @property
     def needs_person(self) -> bool:
-        """Whether only a person may clear it: two sensors jumped, did not return, may cancel."""
+        """
+        Whether only a person may clear it: two sensors jumped and did not come back.
+
+        Their errors may cancel in a single parity, so that agreement shows nothing.
+        """
         return self.is_single_parity and len(self.jumped) > 1
 
     @property
@@ -184,9 +188,9 @@ class FaultLatch:
         """Forget the samples; a fault stays latched."""
         self.consistent = 0
         self.latest_cause: Symptom | None = None
-        # Bad samples in a row, and runs of them.
+        # Bad samples in a row, and runs of them without `SERIES_END` consistent samples between.
         self._bad = self._runs = 0
-        # Sensors that left their motion alone at the onset.
+        # Sensors that left their motion, all others on theirs, when the latest run began.
         self._alone: list[int] = []
         if self.fault is not None:
             self.fault.agreed_from = None
@@ -264,6 +268,7 @@ class FaultLatch:
         self._forget_returned(fault)
         if fault.needs_person or not self._has_recovered(fault, stamp):
             return False
+        # No bad sample since the onset is one that a jump does not explain.
         is_explained = self._unexplained < self.onset
         if fault.is_acknowledged or (is_explained and not fault.jumped):
             return True
@@ -321,7 +326,7 @@ class FaultLatch:
         Returns
         -------
         int or None
-            Place of the faulty sensor in ALL_JOINT_NAMES; None if it is not isolated.
+            Index of the faulty sensor in ALL_JOINT_NAMES; None if it is not isolated.
 
         """
         cause = worst(symptoms)
@@ -400,7 +405,8 @@ class FaultLatch:
 
         If symptoms name one sensor, it is that one; if they name several, none. Else it is the one
         sensor without which the trial of the others stands. Of four sensors several trials may
-        stand: then it is the one that left its motion alone at the onset.
+        stand, because any three agree: then it is the one that left its motion alone when the run
+        of bad samples began.
         """
         standing = self._sensors.standing(sample.stamp, self.onset)
         named = {
@@ -410,7 +416,6 @@ class FaultLatch:
         }
         suspects = named or set(standing)
         if not named and len(suspects) > 1 and self._sensors.used.parity_count < 2:
-            # A joint that left its motion by itself, while the others stayed on theirs.
             suspects &= set(self._alone)
         return suspects.pop() if len(suspects) == 1 else None
 

@@ -8,7 +8,8 @@ A turn e of the orientation, along the direction in which a fault of sensor i ta
 parity by e / slope_i - c_i e^2. The first order alone bounds an undetected fault where c_i is
 small. Near a fold, where two solutions of the other sensors meet, the parity bends back: beyond
 its largest value 1 / (4 slope_i^2 c_i) no fault of sensor i is detected, and the other solution
-is 1 / (slope_i c_i) away.
+is 1 / (slope_i c_i) away. c_i is the size of the curvature: whichever sign that has, a fault of
+one of the two signs is bent back.
 """
 
 from __future__ import annotations
@@ -21,19 +22,20 @@ from spm_haptic_master.kinematics.rotations import is_within
 from spm_haptic_master.supervision.protection import Integrity
 from spm_haptic_master.supervision.sensor_set import SensorSet
 
-# Least and largest turn of the platform (rad) after which the curvatures are computed anew;
-# between them, the turn in which the share of the largest parity changes by no more than `SHARE`.
+# Turn of the platform (rad) after which the curvatures are computed anew: the least, near a fold,
+# and the largest, far from all. Between them it is the turn in which the largest parity less the
+# parity of an undetected fault changes by no more than this share of it (unit 1).
 NEAR_TURN = 0.02
 ANY_TURN = 0.2
-SHARE = 0.05
+REST_SHARE = 0.05
 # Change of a curvature by a turn of 1 rad, over the length of the parity's derivative by the
 # readings (1 / rad): the median of 2,900 poses to a tilt of 25 deg is 1, and 99 % are below this;
 # the others are within degrees of where a leg's reach ends.
 CURVATURE_CHANGE = 8.0
-# Turn over the way to another solution of the others from which it is expected, where the bend
-# grows by `CURVATURE_CHANGE`: of 4,700 within 9 deg of an orientation that checks the sensor,
-# 99.5 % are no nearer.
-EXPECTED = 0.5
+# Share of the computed way to another solution of the others (unit 1) from which on it has to be
+# expected, where the bend grows by `CURVATURE_CHANGE`: of 4,700 such solutions within 9 deg of an
+# orientation that checks the sensor, 99.5 % are no nearer.
+REACH_SHARE = 0.5
 
 
 class Folds:
@@ -67,11 +69,11 @@ class Folds:
 
     def may_reach(self, sensor: int, turn: float) -> bool:
         """Whether another solution of the others may be within a turn of the orientation, rad."""
-        return turn * (self._bends[sensor] + turn * self._changes[sensor]) > EXPECTED
+        return turn * (self._bends[sensor] + turn * self._changes[sensor]) > REACH_SHARE
 
     def may_reach_any(self, turn: float) -> bool:
         """Whether that may be so of any sensor."""
-        return turn * (self._largest_bend + turn * self._largest_change) > EXPECTED
+        return turn * (self._largest_bend + turn * self._largest_change) > REACH_SHARE
 
     def parts(self, used: SensorSet, estimate: SampleEstimate, worth: Integrity) -> list[float]:
         """
@@ -98,17 +100,17 @@ class Folds:
         parts = used.parts(worth)
         # Largest change of a curvature by a turn of 1 rad.
         change = CURVATURE_CHANGE * hypot(*estimate.parity_sizes)
-        turn = self._bend(parts, used, worth, change)
+        turn = self._widen(parts, used, worth, change)
         here = estimate.quaternion
         if self._computed_at is None or not is_within(self._computed_at, here, turn):
             for sensor in used.members:
                 self._curvatures[sensor] = used.solver.parity_curvature(estimate, sensor)
             self._computed_at = here
             parts = used.parts(worth)
-            self._bend(parts, used, worth, change)
+            self._widen(parts, used, worth, change)
         return parts
 
-    def _bend(
+    def _widen(
         self,
         parts: list[float],
         used: SensorSet,
@@ -116,7 +118,7 @@ class Folds:
         change: float,
     ) -> float:
         """
-        Take the parts to second order; return the turn for which the curvatures hold, rad.
+        Widen first-order parts to the second order; return for which turn (rad) that holds.
 
         With curvature c and slope s of a sensor, a turn e leaves the parity e / s - c e^2. What
         leaves no more than l / s, with the first-order part l, is at most
@@ -148,8 +150,8 @@ class Folds:
             rest = 1.0 - share
             parts[sensor] = healthy + 2.0 * linear / (1.0 + sqrt(rest))
             changed = 4.0 * slope * linear * change * turn
-            if changed > SHARE * rest:
-                turn *= SHARE * rest / changed
+            if changed > REST_SHARE * rest:
+                turn *= REST_SHARE * rest / changed
         self._largest_bend = largest_bend
         self._largest_change = largest_slope * change
         return max(turn, NEAR_TURN)

@@ -34,7 +34,7 @@ REPEAT_TIME = 0.01
 LATE_PERIODS = 1.5  # without a reading, after which it comes late
 FORGET_PERIODS = 5.0  # without a reading, after which the velocity is set anew
 AWAY_SAMPLES = 3  # after which a joint that left its motion is followed from where it is
-# Samples for which a step is evidence: the other joints may seem to move in one of them.
+# Samples for which a step stays evidence: the other joints may seem to move in one of them.
 STEP_SAMPLES = 6
 RETURN_TIME = 0.05  # s, in which a joint that left its motion can be found back on it
 # Part of a jump's limit within which a reading is back on the motion.
@@ -43,7 +43,7 @@ ROOT_TWO = sqrt(2.0)
 TURN = 2.0 * pi
 
 
-def deviation(periods: float) -> float:
+def innovation_deviation(periods: float) -> float:
     """
     Return the standard deviation of an innovation some periods after the last reading.
 
@@ -54,7 +54,7 @@ def deviation(periods: float) -> float:
 
 
 # The same after one period.
-ONE_PERIOD = deviation(1.0)
+ONE_PERIOD = innovation_deviation(1.0)
 
 
 def lag(periods: float) -> float:
@@ -77,8 +77,8 @@ class Step(IntEnum):
     """Whether a joint left its motion by a step."""
 
     NONE = 0
-    SUSPECTED = 1  # the readings behind it do not contradict that
-    CERTAIN = 2  # it moved faster than a human, or three readings do not contradict that
+    SUSPECTED = 1  # the readings since then do not contradict that
+    CERTAIN = 2  # it moved faster than a human, or three readings since do not contradict that
 
 
 class Departure(NamedTuple):
@@ -178,7 +178,7 @@ class JointMonitor:
         limit, so that no human motion leaves the motion of the joint.
         """
         periods = dt / period if dt > period else 1.0
-        noise = self._threshold * deviation(periods) * self.readings.allowed
+        noise = self._threshold * innovation_deviation(periods) * self.readings.allowed
         human = self._acceleration * period * period * lag(periods)
         return noise + human
 
@@ -187,7 +187,7 @@ class JointMonitor:
         reading: float,
         dt: float,
         period: float,
-        timing: float,
+        timing_error: float,
     ) -> None:
         """
         Follow the motion with a reading; note what contradicts it.
@@ -200,7 +200,7 @@ class JointMonitor:
             Time since the last sample, s.
         period : float
             Usual time between samples, s.
-        timing : float
+        timing_error : float
             How much earlier or later than its stamp the reading may be sampled, s.
 
         """
@@ -213,17 +213,18 @@ class JointMonitor:
             if not (is_repeated and readings.is_slower_than_bus):
                 self._begin(reading, max(dt, period))
             return
-        is_slow = abs(self.velocity * period) < readings.slow_step
-        if not is_slow:
+        is_joint_slow = abs(self.velocity * period) < readings.slow_step
+        if not is_joint_slow:
             readings.note_moving(is_repeated)
         elapsed = self.reading_age + dt
         if readings.is_slower_than_bus:
             if elapsed < REPEAT_TIME:
+                # The filter follows the readings of the encoder, which are so far apart.
                 period = max(period, elapsed)
             if is_repeated:
                 self._hold(reading, elapsed)
                 return
-        self._compare(reading, change, elapsed, period, timing, is_slow)
+        self._compare(reading, change, elapsed, period, timing_error, is_joint_slow)
 
     def _compare(
         self,
@@ -231,21 +232,21 @@ class JointMonitor:
         change: float,
         elapsed: float,
         period: float,
-        timing: float,
-        is_slow: bool,
+        timing_error: float,
+        is_joint_slow: bool,
     ) -> None:
-        """Compare a new reading with the motion, `elapsed` after the reading used last."""
+        """Compare a new reading with the motion, `elapsed` (s) after the reading used last."""
         was_late = self.reading_age > 0.0
         self.reading_age = 0.0
         innovation = remainder(reading - self._angle - self.velocity * elapsed, TURN)
         if abs(innovation) <= self._noise_limit and elapsed <= LATE_PERIODS * period:
             self.innovation = abs(innovation) / (ONE_PERIOD * self.readings.expected)
-            if is_slow:
+            if is_joint_slow:
                 self.readings.note_noise(innovation - self._last_innovation)
             self._last_innovation = innovation
         else:
             self._last_innovation = nan
-            limit = self.limit(elapsed, period) + abs(self.velocity) * timing
+            limit = self.limit(elapsed, period) + abs(self.velocity) * timing_error
             is_late = was_late or elapsed > LATE_PERIODS * period
             if self._note_large(reading, innovation, elapsed, period, limit, is_late):
                 step = (
@@ -281,20 +282,22 @@ class JointMonitor:
         """Note a large innovation, rad; return whether it is beyond the limit (rad)."""
         size = abs(innovation)
         if size > limit and is_late:
-            # It may have stopped meanwhile, or the reading be as old as the last sample.
+            # It may have stopped meanwhile, or the reading be as old as the last sample: any
+            # motion from none to the predicted one is healthy.
             moved = remainder(reading - self._angle, TURN)
             size = outside(moved, self.velocity * elapsed)
         periods = max(elapsed / period, 1.0)
         self.distance = size
         scale = ONE_PERIOD * self.readings.expected
-        self.innovation = size * ONE_PERIOD / (scale * deviation(periods))
+        self.innovation = size * ONE_PERIOD / (scale * innovation_deviation(periods))
         return size > limit
 
     def _leave_motion(self, reading: float, step: float, elapsed: float) -> None:
-        """Leave the motion by a step, rad: certainly so if it leaves two motions shortly after."""
+        """Leave the motion by a step, rad."""
         if self._left is None:
             self._depart(reading, step, elapsed)
         else:
+            # It left another one shortly before, which no human motion does.
             self._known = 0
             self.step = Step.CERTAIN
 
@@ -335,20 +338,24 @@ class JointMonitor:
         dt: float,
         period: float,
     ) -> bool:
-        """Compare a reading with the motion that the joint left; return whether that is all."""
+        """
+        Compare a reading with the motion that the joint left.
+
+        Return whether that is all for this reading: else it begins the motion from where it is.
+        """
         elapsed = left.elapsed + dt
         self.distance = abs(remainder(reading - left.angle - left.velocity * elapsed, TURN))
         self.innovation = self.distance / (ONE_PERIOD * self.readings.expected)
-        # It jumped, and jumped back: a joint that drifts across its old motion has not returned.
-        turned = abs(remainder(change, TURN))
-        jump = RETURN_FRACTION * self.limit(period, period) + abs(left.velocity) * dt
         is_near = self.distance <= RETURN_FRACTION * self.limit(elapsed, period)
-        if elapsed <= RETURN_TIME and is_near and turned > jump:
+        # It has to jump back: a joint that drifts across its old motion has not returned.
+        turned = abs(remainder(change, TURN))
+        least_jump = RETURN_FRACTION * self.limit(period, period) + abs(left.velocity) * dt
+        if elapsed <= RETURN_TIME and is_near and turned > least_jump:
             self._return_to(reading, left.velocity)
             return True
         self.away += 1
         if self.away <= AWAY_SAMPLES:
-            self._check_step(reading, left, elapsed)
+            self._judge_step(reading, left, elapsed)
         elif self.away > STEP_SAMPLES:
             self.step = Step.NONE
         # A pause may hide whether it was a step: that is decided with this reading.
@@ -368,13 +375,18 @@ class JointMonitor:
         self.step = Step.NONE
         self.returned = self.departures
 
-    def _check_step(self, reading: float, left: LeftMotion, elapsed: float) -> None:
-        """Compare the motion after a step with that before it: an impact continues."""
+    def _judge_step(self, reading: float, left: LeftMotion, elapsed: float) -> None:
+        """
+        Compare the motion after a step with that before it, `elapsed` (s) after the latter.
+
+        After an impact the joint goes on in the direction of the step, faster than a human could
+        make it: that is no step. After a jump it goes on as before.
+        """
         first = left.departure
-        elapsed -= first.elapsed
-        change = remainder(reading - first.reading - left.velocity * elapsed, TURN)
+        since = elapsed - first.elapsed
+        change = remainder(reading - first.reading - left.velocity * since, TURN)
         noise = self._threshold * ROOT_TWO * self.readings.allowed
-        human = 0.5 * self._acceleration * elapsed * elapsed
+        human = 0.5 * self._acceleration * since * since
         if change * first.step > 0.0 and abs(change) > noise + human:
             self.step = Step.NONE
         elif self.away == AWAY_SAMPLES and self.step:

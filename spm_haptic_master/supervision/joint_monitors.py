@@ -73,7 +73,8 @@ class JointMonitors:
         self.samples = 0
         # Number of the sample in which each joint was last not quiet.
         self._disturbed = [0] * len(sigma)
-        # Whether the device vibrates: a joint seems noisier than the parity allows.
+        # Whether the device vibrates, as of the latest `follow_noise`: a joint seems noisier than
+        # the parity allows.
         self._vibrates = False
 
     def follow(
@@ -179,8 +180,7 @@ class JointMonitors:
         Parameters
         ----------
         used : collection of int
-            Places of the sensors in use. Of four, several that certainly jump may cancel in the
-            parity.
+            Indices of the sensors in use.
         unseen : collection of int
             Sensors whose jump the parity may not show.
         is_gap : bool
@@ -190,8 +190,12 @@ class JointMonitors:
         """
         alone = self.alone(used, QUIET_SAMPLES)
         is_single = len(alone) == 1
-        is_seen = alone[0] not in unseen if is_single else len(used) != FOUR_SENSORS
-        if is_seen:
+        if is_single:
+            may_be_unseen = alone[0] in unseen
+        else:
+            # Several jumps may cancel in the one parity of four sensors.
+            may_be_unseen = len(used) == FOUR_SENSORS
+        if not may_be_unseen:
             return []
         least = Step.SUSPECTED if is_gap or is_single else Step.CERTAIN
         if any(self._joints[sensor].step < least for sensor in alone):

@@ -53,6 +53,7 @@ class ParityWindow:
         self._threshold = threshold
         self._entries = entries
         self._window = round(window * 1e9)
+        # Of each sample in the window: stamp (ns), three entries and bias of the parity (unit 1).
         self._parities: deque[tuple[int, float, float, float, float]] = deque()
         self.variance = 1.0
         self._learnt = LEARNT_SAMPLES
@@ -61,6 +62,7 @@ class ParityWindow:
     def restart(self) -> None:
         """Forget the samples; the variance stays."""
         self._parities.clear()
+        # Sums of the entries and of the biases over the window.
         self._x = self._y = self._z = self._bias = 0.0
         self._since_summed = 0
         self.root = sqrt(WINDOW_SAMPLES)
@@ -147,12 +149,13 @@ class ParityWindow:
             return None
         mean_x, mean_y, mean_z = self.mean
         self._follow_variance(x - mean_x, y - mean_y, z - mean_z)
-        square = mean_x * mean_x + mean_y * mean_y + mean_z * mean_z
+        mean_square = mean_x * mean_x + mean_y * mean_y + mean_z * mean_z
         # The nominal biases of a moving device may do less to this sample than to the others.
-        limit = self.limit(noise, max(bias, self.mean_bias), count)
-        if square <= limit * limit:
+        mean_limit = self.limit(noise, max(bias, self.mean_bias), count)
+        if mean_square <= mean_limit * mean_limit:
             return None
-        detail = f'mean parity of {count} samples {sqrt(square):.2f} sigma, limit {limit:.2f}'
+        size = sqrt(mean_square)
+        detail = f'mean parity of {count} samples {size:.2f} sigma, limit {mean_limit:.2f}'
         return Symptom(Reason.DRIFTED, detail, severity=Severity.LATCH)
 
     def _append(

@@ -130,32 +130,34 @@ def integrity(
         healthy = k_md deviation + sum |K_i| b_i, and slope_i = |K_i| / |p_i|.
 
     """
-    turns = estimate.gain_sizes
-    moves = estimate.parity_sizes
+    gains = estimate.gain_sizes
+    parity_gains = estimate.parity_sizes
     weights = estimate.sensors.weights
     slopes = []
-    # What the biases turn, rad, and move the whitened parity, and the square of their size in it.
+    # What the biases do at most to the orientation, rad, and to the parity, in standard
+    # deviations; and the square of their whitened length.
     turned = 0.0
     moved = 0.0
     whitened = 0.0
     for sensor, offset in enumerate(bias):
-        turn = turns[sensor]
-        move = moves[sensor]
-        turned += turn * offset
-        moved += move * offset
+        gain = gains[sensor]
+        parity_gain = parity_gains[sensor]
+        turned += gain * offset
+        moved += parity_gain * offset
         whitened += weights[sensor] * offset * offset
-        slopes.append(turn / move if move else inf)
+        slopes.append(gain / parity_gain if parity_gain else inf)
     # No projection is longer than what it is of, nor than the sum of its parts.
-    moved = min(moved, sqrt(whitened), parity_bias * hypot(*moves))
+    moved = min(moved, sqrt(whitened), parity_bias * hypot(*parity_gains))
     covariance = estimate.covariance
     variance = covariance[0] + covariance[4] + covariance[8]
     parity_variance = 1.0
     if max(factors) > 1.0:
         sigma = estimate.sensors.sigma
-        for turn, move, factor, deviation in zip(turns, moves, factors, sigma, strict=True):
-            excess = (factor * factor - 1.0) * deviation * deviation
-            variance += excess * turn * turn
-            parity_variance += excess * move * move
+        sensors = zip(gains, parity_gains, factors, sigma, strict=True)
+        for gain, parity_gain, factor, configured in sensors:
+            excess = (factor * factor - 1.0) * configured * configured
+            variance += excess * gain * gain
+            parity_variance += excess * parity_gain * parity_gain
     deviation = sqrt(variance)
     return Integrity(
         healthy=MISSED_DETECTION * deviation + turned,

@@ -72,7 +72,7 @@ class Rival:
     Attributes
     ----------
     sensor : int
-        Place in ALL_JOINT_NAMES of the sensor that is wrong in this hypothesis.
+        Index in ALL_JOINT_NAMES of the sensor that is wrong in this hypothesis.
     place : Place or None
         Orientation R_base_platform and its time. While the rival is not `found`, where the
         platform was when it was last known; None: anywhere.

@@ -71,7 +71,8 @@ class RivalSearch:
         self,
         sample: Sample,
         sensor: int,
-        places: tuple[Place, Place],
+        place: Place,
+        here: Place,
         starts: Iterable[Quaternion[float]],
     ) -> list[SampleEstimate] | None:
         """
@@ -85,9 +86,11 @@ class RivalSearch:
         sample : Sample
             The sample.
         sensor : int
-            Place in ALL_JOINT_NAMES of the sensor.
-        places : tuple of two Place
-            Where the platform was, and the orientation of the sample.
+            Index in ALL_JOINT_NAMES of the sensor.
+        place : Place
+            Where the platform was.
+        here : Place
+            The orientation of the sample, by all sensors in use.
         starts : iterable of quaternions
             Further orientations from which Gauss-Newton starts.
 
@@ -97,7 +100,6 @@ class RivalSearch:
             None if no solution, or one out of reach, is next to the place: it is not known then.
 
         """
-        place, here = places
         others = self._sensors.one_less(sensor)
         if others is None:
             return None

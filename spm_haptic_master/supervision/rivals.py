@@ -41,7 +41,8 @@ from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 # Largest turn between two samples that keeps the truth of every hypothesis beside the orientation
 # (rad): a solution of the others that is nearer, and behind no fold, is within the level.
 SAME_TURN = 0.01
-# Reach of a human since a place (rad) within which a rival is looked for once among all solutions.
+# How far a human can have turned the platform from where a rival was lost (rad), if it is searched
+# for among all solutions only once.
 NEAR_REACH = 0.1
 # Times that a lost rival is searched for among all solutions before it is over: noise alone can
 # hide a solution near another one of the same sensors.
@@ -49,9 +50,10 @@ MISSES = 3
 # Shares of the way to a solution behind a fold at which Gauss-Newton starts: the fold is half way,
 # and the way known to the second order.
 OVER_FOLD = 0.6, 1.5
-# Share of the least step to a rival from which a step may lead to it.
+# Share of the least step of a sensor that leads to a rival, from which the parity may not show a
+# step: a smaller one is nearer to the orientation, whose parity then shows it.
 HALF_WAY = 0.5
-# Places from which the truth of one hypothesis may have left; with more it may be anywhere.
+# Most places from which the truth of one hypothesis may have left; with more it may be anywhere.
 MOST_PLACES = 4
 
 
@@ -93,7 +95,7 @@ class Rivals:
         self._folds = Folds(count)
         # Of the latest sample: alert limit, the parts without any rival, and how far from the
         # orientation the truth may be if a sensor stepped in it, rad.
-        self._limit = 0.0
+        self._alert_limit = 0.0
         self._parts = [inf] * count
         self._apart = inf
         self.unseen_steps: dict[int, float] = {}
@@ -110,11 +112,11 @@ class Rivals:
         # Where the truth of each sensor's hypothesis was, as its trial followed it last.
         self._on_trial: dict[int, Place] = {}
         self._rivals = [Rival(sensor, None) for sensor in range(self._count)]
-        # Places of the sensors in use; none with three, which have no parity.
+        # Indices of the sensors in use; none with three, which have no parity.
         self._used: tuple[int, ...] = ()
         self._folds.restart()
 
-    def follow(self, sample: Sample, limit: float) -> list[float]:
+    def follow(self, sample: Sample, alert_limit: float) -> list[float]:
         """
         Follow the rivals with a sample with which all sensors in use agree.
 
@@ -126,8 +128,8 @@ class Rivals:
         ----------
         sample : Sample
             The sample, which the sensors in use have solved.
-        limit : float
-            Alert limit, rad.
+        alert_limit : float
+            Largest part with which a sensor counts as checked, rad.
 
         Returns
         -------
@@ -146,7 +148,7 @@ class Rivals:
             self._change_sensors(used.members)
         here = Place(sample.stamp, used.estimate.quaternion)
         self._parts = self._folds.parts(used, used.estimate, used.worth)
-        self._limit = limit
+        self._alert_limit = alert_limit
         self._note_lost(sample, here)
         if self._rivals:
             self._note_gap(sample)
@@ -184,14 +186,14 @@ class Rivals:
         """
         Return the least step, rad, that the parity may not show, of the sensors that have one.
 
-        A step onto a rival fits; one of half the way, or less, does not.
+        A step that leads to a rival fits; one of less than half of that does not.
         """
         steps: dict[int, float] = {}
         for rival in self._rivals:
             step = HALF_WAY * rival.least_step if rival.found else 0.0
             steps[rival.sensor] = min(step, steps.get(rival.sensor, inf))
         for sensor in self._used:
-            if self._parts[sensor] > self._limit:
+            if self._parts[sensor] > self._alert_limit:
                 steps[sensor] = 0.0
         return steps
 
@@ -258,9 +260,8 @@ class Rivals:
 
         A trial without the sensor that was followed through bad samples says where its truth is.
         Else it may have left after a gap, a turn of more than `SAME_TURN`, where a human may have
-        turned the platform to the other side of the sensor's fold, and behind a time in which the
-        sensor was hidden, in which the platform turned by more than `TRACKED_TURN`, or a quarter
-        of the way to that side.
+        turned the platform to the other side of the sensor's fold, and after a time in which the
+        sensor was hidden if the platform turned in it: see `_is_beside`.
         """
         last = self.last
         if last is None:
@@ -270,7 +271,7 @@ class Rivals:
         turn = rotation_distance(here.quaternion, last.quaternion)
         self._note_apart(turn, sample, last, is_gap=is_gap)
         left = self._used if is_gap or turn > SAME_TURN else self._behind_folds()
-        if not left and self._stay():
+        if not left and self._are_all_beside():
             return
         on_trial = self._sensors.places_on_trial()
         for sensor in self._used:
@@ -286,8 +287,9 @@ class Rivals:
         Note how far the truth may be from the orientation if a sensor stepped in this sample.
 
         The orientation turned. The truth went on as the platform did before, to what a human can
-        accelerate it. After a gap this is about the latest sample of a trial, before which the
-        speed may be any that a human reaches in the gap.
+        accelerate it: v t + a t^2, as the platform's mean speed v over the last period t had
+        changed by up to a t / 2 at its end. After a gap this is about the latest sample of a
+        trial, before which the speed may be any that a human reaches in the gap.
 
         Parameters
         ----------
@@ -302,12 +304,12 @@ class Rivals:
 
         """
         elapsed = sample.time_since(last.stamp)
-        step = elapsed
+        period = elapsed
         speed = self._platform_speed
         if is_gap:
-            step = sample.short_time * 1e-9
+            period = sample.short_time * 1e-9
             speed = min(speed + self._acceleration * elapsed, self._speed)
-        moved = speed * step + self._acceleration * step * step
+        moved = speed * period + self._acceleration * period * period
         self._apart = turn + max(turn, moved)
         if sample.stamp > last.stamp:
             self._platform_speed = turn / elapsed
@@ -318,11 +320,11 @@ class Rivals:
             return ()
         return tuple(filter(self._may_cross, self._used))
 
-    def _stay(self) -> bool:
-        """Whether no sensor is hidden or tried: the truth of each hypothesis is beside then."""
+    def _are_all_beside(self) -> bool:
+        """Whether no sensor is hidden or on trial: each truth is beside the orientation then."""
         if self._hidden or self._sensors.is_trying:
             return False
-        return max([self._parts[sensor] for sensor in self._used]) <= self._limit
+        return max([self._parts[sensor] for sensor in self._used]) <= self._alert_limit
 
     def _note_on_trial(self, sensor: int, place: Place, here: Place) -> None:
         """Note where the truth of a hypothesis is, as its trial followed it."""
@@ -332,12 +334,16 @@ class Rivals:
             self._lose(sensor, place)
 
     def _may_cross(self, sensor: int) -> bool:
-        """Whether the truth may be behind the fold of a sensor of which any fault is detected."""
+        """
+        Whether the truth may be behind the fold of a sensor.
+
+        Where a fault of the sensor may go undetected its part is infinite anyway.
+        """
         return self._parts[sensor] < inf and self._folds.may_reach(sensor, self._apart)
 
     def _note_hidden(self, sensor: int, here: Place, last: Place) -> None:
         """Note since where a sensor is hidden; if it no longer is, its truth may have left."""
-        if self._parts[sensor] > self._limit:
+        if self._parts[sensor] > self._alert_limit:
             self._hidden.setdefault(sensor, last)
             return
         began = self._hidden.pop(sensor, None)
@@ -345,7 +351,12 @@ class Rivals:
             self._lose(sensor, began)
 
     def _is_beside(self, here: Place, began: Place, sensor: int) -> bool:
-        """Whether the platform turned so little that the truth of a hypothesis stays beside it."""
+        """
+        Whether the platform turned so little that the truth of a hypothesis stays beside it.
+
+        That is less than `TRACKED_TURN`, and less than half of the way to the sensor's fold, which
+        is half way to the other solution.
+        """
         turn = min(TRACKED_TURN, 0.25 * self._folds.distance(sensor))
         return is_within(here.quaternion, began.quaternion, turn)
 
@@ -357,7 +368,7 @@ class Rivals:
         now, and shrink while the truth stays there.
         """
         fold = 0.5 * self._folds.distance(sensor)
-        turn = min(self._parts[sensor], self._limit, fold)
+        turn = min(self._parts[sensor], self._alert_limit, fold)
         return is_within(place.quaternion, here.quaternion, turn)
 
     def _lose(self, sensor: int, place: Place) -> None:
@@ -410,7 +421,7 @@ class Rivals:
             if place is None or not sample.follows(place.stamp):
                 continue
             starts = self._beyond_fold(rival.sensor)
-            found = self._search.recent(sample, rival.sensor, (place, here), starts)
+            found = self._search.recent(sample, rival.sensor, place, here, starts)
             if found is not None:
                 self._rivals.remove(rival)
                 for solution in found:

@@ -14,7 +14,8 @@ from spm_haptic_master.kinematics.number_backends import Quaternion
 # Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
 Angles: TypeAlias = tuple[float, ...]
 
-PRIOR_AGE = 100_000_000  # ns, up to which an orientation selects among solutions
+# Age (ns) up to which an orientation selects among solutions. An older one selects none: a start.
+PRIOR_AGE = 100_000_000
 # Periods up to which one sample follows another shortly: a single lost sample is no gap. And the
 # longest such time (ns), at any rate.
 SHORT_PERIODS = 2.5
@@ -62,7 +63,8 @@ class Sample:
     factors : tuple of float
         Measured noise of each sensor over the configured one, at least 1.
     parity_bias : float
-        Bound of the length of that part of the biases that no motion explains, rad.
+        Bound of the length of that part of the biases that no motion explains, rad; half a turn,
+        which no bias exceeds, where no bound is known.
     period : float
         Usual time between samples, s; 0 if that is not known.
 

@@ -20,7 +20,7 @@ OLDER_TIME = 0.1
 # `LEAST_PERIOD` (s), because the first stamps may be those of a burst.
 PERIOD_SAMPLES = 50
 LEAST_PERIOD = 0.001
-LONGEST_GAP = 20.0  # periods that a longer gap counts for in the average
+LONGEST_GAP = 20.0  # periods that a gap counts for in the average at most
 # Periods beyond which samples are missing between two stamps, which is no jitter; and periods
 # below which the samples waited for each other and came in a burst.
 LOST_PERIODS = 1.5
@@ -70,7 +70,8 @@ class SampleClock:
 
     def __init__(self) -> None:
         self._stamp: int | None = None
-        # What `now` is ahead of the stamps, ns, and how many stamps in a row did not grow.
+        # The last stamp, ns; None where the next one continues `now`, whatever its value is. What
+        # `now` is ahead of the stamps, ns, and how many stamps in a row did not grow.
         self._offset = 0
         self._older = 0
         self.now = 0

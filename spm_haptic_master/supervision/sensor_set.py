@@ -41,17 +41,17 @@ class SensorSet:
     sigma : tuple of float, length N
         Standard deviations of the N mounted sensors, rad.
     limits : Limits
-        Rate of false alarms, window and human motion limits.
+        Rate of false alarms, window and human speed.
     left_out : collection of int
-        Places in ALL_JOINT_NAMES of the mounted sensors that are not in use.
+        Indices in ALL_JOINT_NAMES of the mounted sensors that are not in use.
 
     Attributes
     ----------
     sensors : UsedSensors
         Those in use.
-    places : tuple of int
-        Their places in ALL_JOINT_NAMES.
-    entries : int
+    members : tuple of int
+        Their indices in ALL_JOINT_NAMES.
+    parity_count : int
         Length of the parity vector: the number of sensors in use beyond three. 0 with three, which
         cannot contradict each other.
     estimate : SampleEstimate or None
@@ -134,22 +134,24 @@ class SensorSet:
         Return a symptom if another solution fits that may continue the last orientation too.
 
         Here all sensors are healthy: the ambiguity is that of the mechanism. The other solution is
-        about sigma / (FOLD x deviation) away, rad. It is not computed where human motion since the
-        last orientation and `TURN_DEVIATIONS` do not reach so far.
+        about sigma / (FOLD x deviation) away, rad: see `FOLD`. It is not computed where human
+        motion since the last orientation and `TURN_DEVIATIONS` do not reach so far.
         """
         prior = sample.prior
         turn = pi
         if prior is not None:
             turn = self._speed * sample.time_since(prior.stamp)
             deviation = worth.deviation
-            apart = FOLD * deviation * (turn + TURN_DEVIATIONS * deviation)
-            if apart < self.sensors.largest:
+            reach = turn + TURN_DEVIATIONS * deviation
+            if FOLD * deviation * reach < self.sensors.largest:
                 return None
         limit = self._window.limit(worth.noise, worth.bias)
         for other in self._others(estimate, sample.angles):
             parity = hypot(*other.parity_vector)
-            reach = turn + TURN_DEVIATIONS * other.total_deviation
-            is_in_reach = prior is None or is_within(other.quaternion, prior.quaternion, reach)
+            other_reach = turn + TURN_DEVIATIONS * other.total_deviation
+            is_in_reach = prior is None or is_within(
+                other.quaternion, prior.quaternion, other_reach
+            )
             if parity <= limit and is_in_reach:
                 return withheld(
                     Reason.UNDETERMINED,
@@ -190,11 +192,11 @@ class SensorSet:
         """
         Return an orientation with which the sensors in use agree, near another one; else None.
 
-        It is found where they determine none, too, and the noise and bias are allowed for as they
-        are largest anywhere.
+        It is found where they determine none, too. What noise and bias do to the parity there is
+        not known: they are allowed for with the most that they can do anywhere.
         """
         sigma = self.sensors.sigma
-        whitened = [sample.bias[place] / sigma[place] for place in self.members]
+        whitened = [sample.bias[sensor] / sigma[sensor] for sensor in self.members]
         limit = self._window.limit(max(sample.factors), hypot(*whitened))
         return self.solver.explaining_orientation(near, sample.angles, self.sensors, limit)
 

@@ -27,7 +27,7 @@ from spm_haptic_master.supervision.trial import Trial
 MISSING_SAMPLES = 3
 # Largest size of a reading (rad): beyond it an angle has no meaning, and its square may overflow.
 LARGEST_ANGLE = 1e6
-# Places of the mounted sensors that a set leaves out, in ascending order.
+# Indices of the mounted sensors that a set leaves out, in ascending order.
 LeftOut = tuple[int, ...]
 
 
@@ -54,7 +54,7 @@ class Distrust:
 
 class SensorsInUse:
     """
-    The sensors in use and those left out, by their places in ALL_JOINT_NAMES.
+    The sensors in use and those left out, by their indices in ALL_JOINT_NAMES.
 
     Parameters
     ----------
@@ -86,16 +86,18 @@ class SensorsInUse:
         sigma: tuple[float, ...],
         limits: Limits,
     ) -> None:
-        self._make = partial(SensorSet, solver, sigma, limits)
+        self._make_set = partial(SensorSet, solver, sigma, limits)
         self._limits = limits
         self._sets: dict[LeftOut, SensorSet] = {}
-        # Consecutive samples without a reading, by place.
-        self._gone = [0] * len(sigma)
+        self._mounted = len(sigma)
+        # Consecutive samples without a reading, by sensor.
+        self._gaps = [0] * self._mounted
         self.missing: LeftOut = ()
         self.distrusted: dict[int, Distrust] = {}
-        # Sets that may replace those in use, by what they leave out, since the samples are bad.
+        # Trials of the sets that may replace those in use, by what they leave out; none while the
+        # sensors in use agree.
         self._trials: dict[LeftOut, Trial] = {}
-        self.used = self._sets[()] = self._make()
+        self.used = self._sets[()] = self._make_set()
         self._update()
 
     def restart(self) -> None:
@@ -110,24 +112,24 @@ class SensorsInUse:
         """Return the set without some sensors: three are left at least."""
         key = tuple(sorted(set(left_out)))
         if key not in self._sets:
-            self._sets[key] = self._make(key)
+            self._sets[key] = self._make_set(key)
         return self._sets[key]
 
     def one_less(self, sensor: int) -> SensorSet | None:
         """Return the sensors in use but one; None if fewer than three are left."""
         left_out = {sensor, *self.left_out}
-        if len(self._gone) - len(left_out) < THREE_SENSORS:
+        if self._mounted - len(left_out) < THREE_SENSORS:
             return None
         return self.without(*left_out)
 
     def _update(self) -> None:
         """Derive the sensors in use and the words from what is missing and distrusted."""
         self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
-        if len(self._gone) - len(self.left_out) >= THREE_SENSORS:
+        if self._mounted - len(self.left_out) >= THREE_SENSORS:
             self.used = self.without(*self.left_out)
         self.words = ', '.join(
-            f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
-            for place in sorted(self.distrusted)
+            f'{ALL_JOINT_NAMES[sensor]} {self.distrusted[sensor].word}'
+            for sensor in sorted(self.distrusted)
         )
 
     def note_readings(self, angles: Angles) -> Symptom | None:
@@ -138,12 +140,12 @@ class SensorsInUse:
         """
         if not self.missing and not isnan(sum(angles)):
             return self._too_few(angles)
-        missing = tuple(place for place, angle in enumerate(angles) if angle != angle)
+        missing = tuple(sensor for sensor, angle in enumerate(angles) if isnan(angle))
         self.missing = missing
-        for place in range(len(angles)):
-            self._gone[place] = self._gone[place] + 1 if place in missing else 0
-            if self._gone[place] == MISSING_SAMPLES:
-                self._distrust_missing(place)
+        for sensor in range(self._mounted):
+            self._gaps[sensor] = self._gaps[sensor] + 1 if sensor in missing else 0
+            if self._gaps[sensor] == MISSING_SAMPLES:
+                self._distrust_missing(sensor)
         self._update()
         return self._too_few(angles)
 
@@ -156,13 +158,13 @@ class SensorsInUse:
         first = self.missing[0] if self.missing else None
         return withheld(Reason.MISSING, f'{list(angles)} rad', first)
 
-    def _distrust_missing(self, place: int) -> None:
+    def _distrust_missing(self, sensor: int) -> None:
         """Distrust a sensor without readings if four are left; end its trial."""
         not_used = {*self.missing, *self.distrusted}
-        if place in self.distrusted:
-            self.distrusted[place].trial = None
-        elif len(self._gone) - len(not_used) >= FOUR_SENSORS:
-            self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
+        if sensor in self.distrusted:
+            self.distrusted[sensor].trial = None
+        elif self._mounted - len(not_used) >= FOUR_SENSORS:
+            self.distrusted[sensor] = Distrust(Reason.MISSING.value, self._limits.window)
 
     # Trials --------------------------------------------------------------------------------------
 
@@ -196,12 +198,16 @@ class SensorsInUse:
         sample: Sample,
         place_without: Callable[[int], Place | None],
     ) -> Trial:
-        """Return a trial of the others, which agreed before if the set only has one less."""
+        """
+        Return a trial of the sensors that are not left out.
+
+        If these are those in use but one, they agreed before, as those in use did.
+        """
         (sensor,) = set(left_out) - set(self.distrusted)
         place = place_without(sensor)
-        is_less = set(self.distrusted) <= set(left_out)
+        is_one_less = set(self.distrusted) <= set(left_out)
         since = None
-        if is_less and place is not None and sample.follows(place.stamp):
+        if is_one_less and place is not None and sample.follows(place.stamp):
             since = place.stamp
         return Trial(self.without(*left_out), place, since)
 
@@ -217,7 +223,7 @@ class SensorsInUse:
     def _alternatives(self) -> Iterator[LeftOut]:
         """Yield what else may be left out: one more, or one in place of another."""
         distrusted = set(self.distrusted)
-        trusted = [place for place in range(len(self._gone)) if place not in distrusted]
+        trusted = [sensor for sensor in range(self._mounted) if sensor not in distrusted]
         for sensor in trusted:
             if len(trusted) > THREE_SENSORS:
                 yield tuple(sorted({*distrusted, sensor}))
@@ -264,8 +270,8 @@ class SensorsInUse:
         """
         Whether the trial without each sensor in use can show that the others agree.
 
-        It cannot for a sensor that may have drifted while it was hidden. It can for one with a
-        rival, which was either wrong at the start or after a gap already, or is not.
+        Of three others it cannot if the sensor may have drifted while it was hidden. It can if the
+        sensor has a rival: it was wrong at the start or after a gap already, or is not.
         """
         return all(trial.is_conclusive for _, trial in self._without_one())
 

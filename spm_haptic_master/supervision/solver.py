@@ -28,7 +28,7 @@ from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.supervision.sample import Angles, Sample
 
-# Iterate again while step^2 / sigma exceeds this (1 / rad): to a tilt of 30 deg, 0.12 % of the
+# Iterate again while step^2 / sigma exceeds this (rad): to a tilt of 30 deg, 0.12 % of the
 # orientation's standard deviation is left (rms), 2.4 % at most.
 REMAINDER = 0.01
 
@@ -60,6 +60,7 @@ class Solver:
     ) -> None:
         self._geometry = geometry
         self._working_mode = working_mode
+        # A Gauss-Newton step that is shorter is the last one, rad.
         self._last_step = sqrt(REMAINDER * min(sigma))
         whitened = [offset / deviation for offset, deviation in zip(bias, sigma, strict=True)]
         # Largest parity of a solution that the last orientation may select (unit 1).
@@ -152,7 +153,7 @@ class Solver:
         others : SampleEstimate
             An orientation that other sensors determine.
         sensor : int
-            Place in ALL_JOINT_NAMES of the sensor, which those do not include.
+            Index in ALL_JOINT_NAMES of the sensor, which those do not include.
         sample : Sample
             Has the sensor's reading and the nominal biases.
 

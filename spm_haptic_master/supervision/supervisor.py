@@ -124,14 +124,15 @@ class Supervisor:
         self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
         self._state = StateMachine()
         self.parity: float | None = None
-        self._unknown = [inf] * len(sigma)
-        self.parts = self._unknown
+        # Parts of a sample that is not consistent: nothing bounds a fault.
+        self._unbounded = [inf] * len(sigma)
+        self.parts = self._unbounded
         # Number of the sample at which the noise was evaluated last.
         self._noise_sample = 0
         # Stamp (ns) of the latest sample whose orientation the sensors did not determine.
         self._undetermined: int | None = None
         # Orientation published last, and its readings (rad).
-        self._last: tuple[Quaternion[float], Angles] | None = None
+        self._published: tuple[Quaternion[float], Angles] | None = None
 
     def take(self, stamp: int, angles: Angles) -> Verdict:
         """
@@ -155,7 +156,7 @@ class Supervisor:
 
         """
         self.parity = None
-        self.parts = self._unknown
+        self.parts = self._unbounded
         clock = self._clock
         tick = clock.step(stamp)
         if tick.is_old:
@@ -163,17 +164,17 @@ class Supervisor:
         is_gap = tick.restarts or tick.elapsed > GAP_PERIODS * clock.period > 0.0
         jumps_in_gap = self._jumps_in_gap(tick) if is_gap else []
         readings = plausible(angles)
-        cause = self._too_few(readings, angles)
+        cause = self._note_readings(readings, angles)
         is_away, symptoms = self.joints.follow(
             readings,
             tick.elapsed,
-            clock.period or tick.elapsed,
+            clock.period,
             clock.jitter,
             self._sensors.left_out,
         )
         sample = self._sample(readings)
         if cause is not None:
-            return self._bad(sample, [cause])
+            return self._decide_bad(sample, [cause])
         symptoms += self._contradictions(sample)
         if jumps_in_gap:
             symptoms += self._staying(jumps_in_gap)
@@ -183,8 +184,8 @@ class Supervisor:
         else:
             self._unseen_jumps.note_undisturbed(sample.stamp)
         if symptoms:
-            return self._bad(sample, symptoms)
-        return self._consistent(sample)
+            return self._decide_bad(sample, symptoms)
+        return self._decide_consistent(sample)
 
     def _withhold_old(self, tick: Tick) -> Verdict:
         """Withhold a sample whose stamp does not grow; restart if the clock was set back."""
@@ -194,10 +195,11 @@ class Supervisor:
 
     def _jumps_in_gap(self, tick: Tick) -> list[Symptom]:
         """
-        Return the sensors that may have jumped while no sample came.
+        Return the jumps of sensors that were off their motion when the samples stopped.
 
         After a pause they are a fault at once, because nothing of the motion before it is left to
-        compare the next samples with.
+        compare the next samples with. After a shorter gap they count if the sensor is still off
+        its motion with this sample: see `_staying`.
         """
         jumps = self._jumps(is_gap=True, any_step=True)
         if not tick.restarts:
@@ -210,8 +212,12 @@ class Supervisor:
         """Return those of some jumps whose sensor is not back on its motion with this sample."""
         return [jump for jump in jumps if not self.joints.has_returned(jump.sensor)]
 
-    def _too_few(self, readings: Angles, given: Angles) -> Symptom | None:
-        """Return why the sensors with a reading do not suffice; `given` has implausible ones."""
+    def _note_readings(self, readings: Angles, given: Angles) -> Symptom | None:
+        """
+        Note which sensors have a reading; return why these do not suffice, or None.
+
+        `given` are the readings as they came, with those that no joint has.
+        """
         cause = self._sensors.note_readings(readings)
         if cause is not None and readings is not given:
             return withheld(Reason.NOT_FINITE, f'{list(given)} rad')
@@ -274,7 +280,7 @@ class Supervisor:
             and last is not None
             and sample.stamp - last <= PRIOR_AGE
         ):
-            # Where the sensors determine nothing it is no evidence against one of them.
+            # Near where the sensors determine nothing neither is evidence against one of them.
             self._anchor.restart()
             return withheld(Reason.UNDETERMINED, symptom.detail)
         return symptom
@@ -308,7 +314,7 @@ class Supervisor:
         """Whether the others can go on without one of the sensors in use."""
         return self._sensors.used.sensors.count > self._limits.fewest_sensors
 
-    def _bad(self, sample: Sample, symptoms: list[Symptom]) -> Verdict:
+    def _decide_bad(self, sample: Sample, symptoms: list[Symptom]) -> Verdict:
         """
         Withhold a sample that is not consistent, unless others take over.
 
@@ -319,13 +325,13 @@ class Supervisor:
         sensors = self._sensors
         self._follow_inconsistent(sample)
         sensor = self.latch.note_bad(sample, symptoms)
-        if sensor is not None and self._may_exclude() and self._passes(sample, sensor):
+        if sensor is not None and self._may_exclude() and self._agree_without(sample, sensor):
             sensors.exclude(sensor)
-            return self._taken_over(sample)
+            return self._go_on_with_others(sample)
         if self.latch.fault is not None and sensors.exchange(sample.stamp):
-            return self._taken_over(sample)
+            return self._go_on_with_others(sample)
         self._exposure.interrupt()
-        self.parts = self._unknown
+        self.parts = self._unbounded
         return self._withhold(worst(symptoms))
 
     def _follow_inconsistent(self, sample: Sample) -> None:
@@ -333,7 +339,7 @@ class Supervisor:
         self._rivals.follow_inconsistent(sample)
         self._sensors.try_others(sample, self._rivals.place_without)
 
-    def _passes(self, sample: Sample, sensor: int) -> bool:
+    def _agree_without(self, sample: Sample, sensor: int) -> bool:
         """
         Whether the others have passed their trial without a sensor.
 
@@ -344,7 +350,7 @@ class Supervisor:
             return False
         return sensor in self._sensors.passing(sample.stamp, self.latch.onset)
 
-    def _taken_over(self, sample: Sample) -> Verdict:
+    def _go_on_with_others(self, sample: Sample) -> Verdict:
         """
         Go on with other sensors, which have passed their trial with this sample.
 
@@ -357,9 +363,9 @@ class Supervisor:
         if estimate is not None:
             self._rivals.last = Place(sample.stamp, estimate.quaternion)
             self.parts = self._rivals.follow(sample, self.alert_limit)
-        return self._consistent(sample)
+        return self._decide_consistent(sample)
 
-    def _consistent(self, sample: Sample) -> Verdict:
+    def _decide_consistent(self, sample: Sample) -> Verdict:
         """
         Publish the orientation of a consistent sample, or withhold it for its worth.
 
@@ -369,12 +375,12 @@ class Supervisor:
         estimate = self._sensors.used.estimate
         worth = self._sensors.used.worth
         if estimate is None or worth is None or not estimate.determined:
-            return self._undetermine(sample)
+            return self._withhold_undetermined(sample)
         here = self._continue(sample, estimate, worth.deviation)
         self._exposure.note_consistent(sample.stamp, self.parts, self.alert_limit)
         symptom = self._watch_left_out(sample, here)
         if symptom is not None:
-            return self._bad(sample, [symptom])
+            return self._decide_bad(sample, [symptom])
         fault = self.latch.fault
         if fault is not None and not self.latch.end_if_over(self._exposure, sample.stamp):
             return self._withhold(fault.symptom)
@@ -403,7 +409,8 @@ class Supervisor:
         """Withhold a consistent orientation that is not worth enough."""
         is_unsure = cause.reason in (Reason.UNDETERMINED, Reason.UNPROTECTED)
         if is_unsure and not self._sensors.used.parity_count:
-            # Two solutions of three sensors may meet: only all sensors can continue after it.
+            # Two solutions of three sensors may meet here, and three cannot tell on which of them
+            # they go on: the fault waits for all sensors.
             self.latch.latch(stamp, cause)
         return self._withhold(cause)
 
@@ -431,18 +438,18 @@ class Supervisor:
         if quaternion is not estimate.quaternion:
             estimate = estimate.with_orientation(quaternion, estimate.covariance)
         reservations = self._sensors.words or (SERIES if self.latch.is_series else '')
-        self._last = quaternion, sample.angles
+        self._published = quaternion, sample.angles
         self._state.publish(sample.stamp, reservations)
         return Verdict(self._state.announced, estimate, level)
 
-    def _undetermine(self, sample: Sample) -> Verdict:
+    def _withhold_undetermined(self, sample: Sample) -> Verdict:
         """Withhold an orientation that the sensors do not determine."""
         self._undetermined = sample.stamp
         self.latch.note_withheld()
         self._anchor.restart()
         self._exposure.interrupt()
         self._follow_inconsistent(sample)
-        self.parts = self._unknown
+        self.parts = self._unbounded
         detail = f'standard deviation above {DETERMINED_DEVIATION:g} rad'
         return self._withhold(withheld(Reason.UNDETERMINED, detail))
 
@@ -532,8 +539,8 @@ class Supervisor:
 
         """
         state = self._state
-        is_all = state.announced == HEALTHY and not self._sensors.left_out
-        return self._last if is_all and state.published == self._clock.now else None
+        is_healthy = state.announced == HEALTHY and not self._sensors.left_out
+        return self._published if is_healthy and state.published == self._clock.now else None
 
     def unchecked(self) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked; inf before the first time."""

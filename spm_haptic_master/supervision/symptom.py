@@ -52,7 +52,7 @@ class Symptom(NamedTuple):
     detail : str
         Values and limit, for people.
     sensor : int or None
-        Place of the faulty one in ALL_JOINT_NAMES, if it is isolated.
+        Index of the faulty one in ALL_JOINT_NAMES, if it is isolated.
     severity : Severity
         What it leads to.
 
@@ -81,7 +81,7 @@ def withheld(
 
 
 def worst(symptoms: list[Symptom]) -> Symptom:
-    """Return the symptom that is the cause: the most severe one, rather one of a known sensor."""
+    """Return the most severe symptom, of equal ones rather one of a known sensor: the cause."""
     return max(symptoms, key=lambda symptom: (symptom.severity, symptom.sensor is not None))
 
 

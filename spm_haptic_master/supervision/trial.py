@@ -49,8 +49,8 @@ class Trial:
     has_failed : bool
         Whether a sample contradicted its hypothesis.
     is_conclusive : bool
-        Whether samples can show that the set agrees. Of three sensors only those can whose motion
-        was known shortly before, or whose place is not known at all.
+        Whether samples can show that the set agrees. Three sensors always agree: their samples
+        show it only if the motion was known shortly before, or the place is not known at all.
 
     """
 

@@ -65,8 +65,8 @@ class UnseenJumps:
         is_gap : bool
             Whether samples are missing before this one, in which the sensor may have jumped.
         any_step : bool
-            Whether a step counts that is too small to lead to a rival, as of a healthy joint that
-            is shaken. After a gap it may have been larger.
+            Whether a step counts that is too small to lead to a rival: that of a healthy joint
+            that is shaken is so small, too. After a gap the step may have been larger.
 
         """
         born = self._rivals.born_since(self._undisturbed)

@@ -10,7 +10,12 @@ import pytest
 from rig import product_limits
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.joint_monitor import deviation, JointMonitor, lag, Step
+from spm_haptic_master.supervision.joint_monitor import (
+    innovation_deviation,
+    JointMonitor,
+    lag,
+    Step,
+)
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 DT = 1e-3
@@ -93,7 +98,7 @@ def test_an_innovation_is_in_standard_deviations_of_a_healthy_one(periods):
     mean_square = np.mean(np.square(found[1:]))
     assert np.sqrt(mean_square) == pytest.approx(1.0, rel=0.07)
     monitor.follow(radians(4.0), DT, DT, 0.0)
-    assert monitor.innovation == pytest.approx(100.0 / deviation(1.0), rel=0.05)
+    assert monitor.innovation == pytest.approx(100.0 / innovation_deviation(1.0), rel=0.05)
 
 
 @pytest.mark.parametrize('periods', [1, 2, 4])
@@ -104,7 +109,7 @@ def test_the_lag_is_what_an_acceleration_moves_a_joint_off_its_prediction(period
     counts = np.diff(index, prepend=-1)
     for angle, count in zip(angles, counts, strict=True):
         monitor.follow(angle, count * DT, DT, 0.0)
-    moved = monitor.innovation * deviation(max(periods, 1)) * monitor.readings.expected
+    moved = monitor.innovation * innovation_deviation(max(periods, 1)) * monitor.readings.expected
     assert moved == pytest.approx(1e-4 * lag(periods), rel=1e-3)
 
 

@@ -8,7 +8,7 @@ from math import hypot, pi, sqrt
 import numpy as np
 import pytest
 from spm_haptic_master.supervision.joint_monitor import (
-    deviation,
+    innovation_deviation,
     JointMonitor,
     lag,
     outside,
@@ -24,7 +24,7 @@ SPEED = 20.0
 ALPHA = 0.7
 BETA = 0.49 / 1.3
 # Largest innovation by noise alone, rad; deviation of a healthy reading with a count of 12 bits.
-NOISE = THRESHOLD * deviation(1.0) * SIGMA
+NOISE = THRESHOLD * innovation_deviation(1.0) * SIGMA
 HEALTHY = hypot(SIGMA, 2.0 * pi / 4096.0 / sqrt(12.0))
 # Largest step of a human within a period, rad, with noise.
 HUMAN = SPEED * DT + NOISE
@@ -66,7 +66,7 @@ def test_the_deviation_is_that_of_the_filters_steady_state():
     for periods in (0.0, 1.0, 3.0, 10.0):
         ahead = np.array([1.0, periods])
         expected = sqrt(1.0 + ahead @ covariance @ ahead)
-        assert deviation(periods) == pytest.approx(expected)
+        assert innovation_deviation(periods) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -80,12 +80,12 @@ def test_the_deviation_is_that_of_the_filters_steady_state():
 )
 def test_the_limit_is_noise_and_the_lag_behind_a_human(dt, periods):
     human = ACCELERATION * DT**2 * lag(periods)
-    expected = THRESHOLD * deviation(periods) * SIGMA + human
+    expected = THRESHOLD * innovation_deviation(periods) * SIGMA + human
     assert joint().limit(dt, DT) == pytest.approx(expected)
     # With more noise that is allowed for.
     monitor = joint()
     monitor.allow(3.0 * SIGMA)
-    expected = THRESHOLD * deviation(periods) * 3.0 * SIGMA + human
+    expected = THRESHOLD * innovation_deviation(periods) * 3.0 * SIGMA + human
     assert monitor.limit(dt, DT) == pytest.approx(expected)
 
 
@@ -153,17 +153,17 @@ def test_the_filter_takes_its_part_of_an_innovation(dt, periods):
     size = 5e-3
     monitor = read(resting(), size, dt=dt)
     assert monitor.velocity == pytest.approx(BETA * size / (DT * periods))
-    assert monitor.innovation == pytest.approx(size / deviation(1.0) / HEALTHY)
+    assert monitor.innovation == pytest.approx(size / innovation_deviation(1.0) / HEALTHY)
     expected = ALPHA * size + monitor.velocity * DT
     read(monitor, 0.0)
-    assert monitor.innovation == pytest.approx(expected / deviation(1.0) / HEALTHY)
+    assert monitor.innovation == pytest.approx(expected / innovation_deviation(1.0) / HEALTHY)
 
 
 @pytest.mark.parametrize('factor', [0.3, 0.999, 1.001, 1.05])
 def test_an_innovation_counts_alike_whether_noise_explains_it_or_not(factor):
     size = factor * NOISE
     monitor = resting(size)
-    assert monitor.innovation == pytest.approx(size / deviation(1.0) / HEALTHY)
+    assert monitor.innovation == pytest.approx(size / innovation_deviation(1.0) / HEALTHY)
     assert monitor.velocity == pytest.approx(BETA * size / DT)
     assert not monitor.away
 
@@ -171,7 +171,7 @@ def test_an_innovation_counts_alike_whether_noise_explains_it_or_not(factor):
 @pytest.mark.parametrize(('periods', 'counted'), [(1.4, 1.0), (1.6, 1.6), (4.0, 4.0)])
 def test_an_innovation_after_a_gap_is_over_its_own_deviation(periods, counted):
     monitor = read(resting(), 3e-3, dt=periods * DT)
-    assert monitor.innovation == pytest.approx(3e-3 / deviation(counted) / HEALTHY)
+    assert monitor.innovation == pytest.approx(3e-3 / innovation_deviation(counted) / HEALTHY)
     assert monitor.velocity == pytest.approx(BETA * 3e-3 / (periods * DT))
 
 
@@ -260,7 +260,7 @@ def test_a_slow_encoder_that_moves_again_does_so_from_its_reading():
     read(monitor, angle, *[bump] * 12)
     assert monitor.velocity == 0.0
     read(monitor, bump + 3e-3)
-    assert monitor.innovation == pytest.approx(3e-3 / deviation(1.0) / HEALTHY)
+    assert monitor.innovation == pytest.approx(3e-3 / innovation_deviation(1.0) / HEALTHY)
     assert monitor.away == 0
 
 
@@ -400,7 +400,7 @@ def test_a_joint_that_left_is_followed_from_where_it_is_with_the_third_reading()
     monitor = resting(0.02, 0.022)
     assert monitor.velocity == 0.0
     assert monitor.distance == pytest.approx(0.022)
-    assert monitor.innovation == pytest.approx(0.022 / deviation(1.0) / HEALTHY)
+    assert monitor.innovation == pytest.approx(0.022 / innovation_deviation(1.0) / HEALTHY)
     read(monitor, 0.024, 0.027)
     assert monitor.velocity == pytest.approx(3.0)
     assert monitor.away == 4

@@ -86,7 +86,7 @@ def test_all_solutions_are_those_of_the_others():
 def recent(near, starts=(), are_left=True):
     """Return what is found of a sensor that stepped shortly before; the platform is at 0.5 rad."""
     return search(near, are_left=are_left).recent(
-        SAMPLE, SENSOR, (PLACE, HERE), [turned(start) for start in starts]
+        SAMPLE, SENSOR, PLACE, HERE, [turned(start) for start in starts]
     )
 
 
