@@ -55,10 +55,10 @@ GAP_NS = round(1e9 * GAP)
 # A stamp that is older by up to this (ns) is a sample that comes again or too late; the clock was
 # set back if it is older than that.
 LATE_NS = 1_000_000_000
-# Time for which force is wanted between off and ready (s).
-IDLE = 0.1
-# Time from a sample until its torque is at the motors (s), and the period (s) above which the
-# torques of two samples were in force one after the other.
+# Time for which force has to be wanted before off becomes ready (s).
+READY_DELAY = 0.1
+# Time from a sample until its torque is at the motors (s): at 1 kHz the torque of the sample
+# before is in force all that period. Of a period above the second (s) it is so for a part only.
 LATENCY = 1e-3
 LONG_PERIOD = 1.1e-3
 # Speed (rad/s) below which the handle is at rest: the noise of the encoders makes 0.05.
@@ -112,15 +112,17 @@ class ForceController:
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
-        # The commands of the last sample and of that before, and the last orientation.
-        self._last = Command(self._zero, NOTHING, NOTHING)
-        self._before = self._last
+        # The commands of the last sample and of that before, which is in force until the torque of
+        # the last one is at the motors; and the last orientation.
+        self._none = Command(motor_torque=self._zero, weight=NOTHING, wrench=NOTHING)
+        self._last = self._none
+        self._before = self._none
         self._orientation: Quaternion[float] | None = None
         # Share that a fade has left (unit 1), and the motor torques at its begin, N m.
         self._fade_left = 0.0
         self._fade_start: Torques = self._zero
         self._stamp = LONG_AGO
-        self._idle = 0.0  # time without torque, s
+        self._wanted_for = 0.0  # time for which force has been wanted while off, s
         self._state = OFF
         self.output = ForceOutput(
             state=OFF,
@@ -235,10 +237,11 @@ class ForceController:
     def _count_energy(self, sample: ForceSample, dt: float) -> None:
         """Count the work of the motors since the last sample."""
         in_force = self._before.motor_torque
-        work = self._motion.work(sample.stamp, sample.angles, in_force, dt)
+        work = self._motion.follow(sample.stamp, sample.angles, in_force, dt)
         if work is None:
             return
-        if self._before.weight is not NOTHING or dt > LONG_PERIOD:
+        has_weight = self._before.weight is not NOTHING
+        if has_weight or dt > LONG_PERIOD:
             work += self._correction(sample.quaternion, dt)
         asked = added(self._handle.asked, self._support.end_stop)
         self._energy.count(work, asked, dt)
@@ -248,7 +251,7 @@ class ForceController:
             self._energy.recover(dt)
 
     def _correction(self, quaternion: Quaternion[float] | None, dt: float) -> float:
-        """Return the work, J, to be added to that of the motor torques of two samples before."""
+        """Return the work, J, to be added to that of the motor torques that were in force."""
         if quaternion is None or self._orientation is None:
             return 0.0
         turn = rotation_between(self._orientation, quaternion)
@@ -293,8 +296,8 @@ class ForceController:
 
     def _leave_off(self, sample: ForceSample, dt: float) -> None:
         """Become ready after some time in which force is wanted."""
-        self._idle = self._idle + dt if _is_wanted(sample) else 0.0
-        if self._idle >= IDLE:
+        self._wanted_for = self._wanted_for + dt if _is_wanted(sample) else 0.0
+        if self._wanted_for >= READY_DELAY:
             self._enter(READY)
 
     def _leave_ready(self, sample: ForceSample, obstacle: Reason | None) -> None:
@@ -329,7 +332,7 @@ class ForceController:
         before = self._state
         self._obstacles.restart()
         self._handle.restart_wrench()
-        self._idle = 0.0
+        self._wanted_for = 0.0
         if state.is_fading:
             is_worse = state.why in ENDS_ALL and before.why not in ENDS_ALL
             if not before.is_fading or is_worse:
@@ -354,10 +357,11 @@ class ForceController:
             self._fade(dt)
         if self._state.is_fading and self._state.why in ENDS_ALL:
             self._support.end()
-            return Command(self._faded(), NOTHING, NOTHING), None
+            faded = Command(motor_torque=self._faded(), weight=NOTHING, wrench=NOTHING)
+            return faded, None
         if self._state is OFF or not is_sound:
             self._support.end()
-            return Command(self._zero, NOTHING, NOTHING), NOTHING
+            return self._none, NOTHING
         if self._state is ENGAGED or self._state is HOLDING:
             self._handle.follow(
                 sample,
@@ -375,13 +379,13 @@ class ForceController:
         support = self._support
         handle = self._handle
         if not (any(handle.asked) or handle.ramp or support.has_torque):
-            return Command(self._zero, NOTHING, NOTHING), NOTHING
+            return self._none, NOTHING
         torque = handle.asked
         if any(support.end_stop):
             stop = scaled(self._energy.share, support.end_stop)
             torque = shortened(added(torque, stop), self._limits.torque)
         ramp = handle.ramp * (self._fade_left if self._state.is_fading else 1.0)
-        energy_damping = self._energy.damping * max(ramp, support.share)
+        energy_damping = self._energy.damping * max(ramp, support.weight_share)
         if sample.velocity is not None:
             damping = self._limits.damping * ramp + HANDLE_DAMPING * energy_damping
             torque = subtracted(torque, scaled(damping, sample.velocity))
@@ -390,7 +394,8 @@ class ForceController:
             motor_torque = self._damped(motor_torque, energy_damping)
             rendered = self._statics.rendered(motor_torque)
         wrench = handle.asked if sample.lock is None else None
-        return Command(motor_torque, support.weight, wrench), rendered
+        command = Command(motor_torque=motor_torque, weight=support.weight, wrench=wrench)
+        return command, rendered
 
     def _fade(self, dt: float) -> None:
         """Fade for a period, s; enter the state after the fade once nothing is left."""
@@ -401,12 +406,13 @@ class ForceController:
         self._handle.fade(self._fade_left)
         if self._fade_left > 0.0:
             return
-        is_gone = why in ENDS_ALL or self._state.has_support or not self._support.has_torque
-        if is_gone:
+        # A fade with which weight and end stop end as well lasts until their ramps are down.
+        is_over = why in ENDS_ALL or self._state.has_support or not self._support.has_torque
+        if is_over:
             self._enter(ForceState(Condition.FAULT, why) if why in LATCHED else READY)
 
     def _faded(self) -> Torques:
-        """Return the faded motor torques of its begin: no damping, as angles may be wrong."""
+        """Return what is left of the motor torques: without damping, as angles may be wrong."""
         return tuple([self._fade_left * torque for torque in self._fade_start])
 
     def _damped(self, torques: Torques, share: float) -> Torques:

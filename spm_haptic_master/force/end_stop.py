@@ -24,7 +24,7 @@ from __future__ import annotations
 from math import acos, cos, sqrt
 
 from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.statics import LegPose, MotorRates
+from spm_haptic_master.force.statics import LegPose, Statics
 from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.geometry import Geometry, Leg
 from spm_haptic_master.kinematics.number_backends import Vector
@@ -32,7 +32,8 @@ from spm_haptic_master.kinematics.vectors import added, dot, scaled
 
 # Stiffness of the wall (N m/rad): a stiffer one would swing at the latency of a sample.
 STIFFNESS = 2.0
-# Its damping over its stiffness (s): more than the latency of 1.5 ms, which gives energy.
+# Its damping over its stiffness (s): more than the 1.5 ms by which its torque is late, latency and
+# half a period at 1 kHz, which gives energy.
 LEAD = 5e-3
 
 
@@ -46,26 +47,26 @@ class EndStop:
         Link angles.
     limits : ForceLimits
         With `end_stop`, the angle before an end at which the wall begins; 0: there is none.
-    rates : MotorRates
-        The legs in the pose of a sample, and which directions the motors are strong in.
+    statics : Statics
+        Of the motors: has the legs in the pose of a sample, and the directions without strength.
 
     """
 
-    __slots__ = ('_begin', '_ends', '_lowest', '_rates', '_stiffness')
+    __slots__ = ('_begin', '_ends', '_statics', '_stiffness')
 
-    def __init__(self, geometry: Geometry, limits: ForceLimits, rates: MotorRates) -> None:
-        self._rates = rates
+    def __init__(self, geometry: Geometry, limits: ForceLimits, statics: Statics) -> None:
+        self._statics = statics
         self._begin = limits.end_stop
         self._stiffness = 0.0
         if self._begin:
             self._stiffness = min(STIFFNESS, limits.torque / self._begin)
-        # The fastest handle meets the wall this far from an end.
+        # The fastest handle meets the wall this far (rad) from an end.
         far = self._begin + LEAD * limits.speed
         self._ends = [LegEnds(leg, far) for leg in geometry.legs]
 
     def torque(self, velocity: Vector[float] | None) -> Vector[float]:
         """
-        Return the torque of the wall, N m in the base frame, in the pose of the rates.
+        Return the torque of the wall, N m in the base frame, in the pose of the statics.
 
         `velocity` is the angular velocity of the handle, rad/s; without it there is no torque,
         because nothing could damp it.
@@ -73,7 +74,7 @@ class EndStop:
         if velocity is None or not self._begin:
             return NOTHING
         torque = NOTHING
-        for pose, ends in zip(self._rates.leg_poses, self._ends, strict=True):
+        for pose, ends in zip(self._statics.leg_poses, self._ends, strict=True):
             if pose.u < ends.least or pose.u > ends.most:
                 torque = added(torque, self._torque_of_leg(pose, ends, velocity))
         return torque
@@ -95,7 +96,7 @@ class EndStop:
         push = self._stiffness * (folded - stretched)
         if not push:
             return NOTHING
-        return scaled(push * self._rates.strength(normal), normal)
+        return scaled(push * self._statics.strength(normal), normal)
 
 
 class LegEnds:

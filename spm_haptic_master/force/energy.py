@@ -81,7 +81,8 @@ class EnergyBudget:
         """Begin with the advance; the damping still decreases slowly."""
         self.energy = ADVANCE
         self.share = 1.0
-        self._useless = 0.0  # time for which too little of the wrench has been left, s
+        # Time for which less than `LEAST_SHARE` of the wrench has been left, s.
+        self._useless = 0.0
 
     def count(
         self,
@@ -90,7 +91,7 @@ class EnergyBudget:
         dt: float,
     ) -> None:
         """
-        Count the work of a period.
+        Count the work of a period, and let the damping and the share follow.
 
         Parameters
         ----------

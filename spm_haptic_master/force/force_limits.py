@@ -46,10 +46,14 @@ class ForceLimits:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            least = 0.0 if field.name in MAY_BE_ZERO else SMALLEST
+            may_be_zero = field.name in MAY_BE_ZERO
+            least = 0.0 if may_be_zero else SMALLEST
             is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
             if not is_number or not least <= value < inf:
-                raise InputError(f'{field.name} = {quoted(value)}: expected a number above 0')
+                wanted = '0 or more' if may_be_zero else 'above 0'
+                raise InputError(
+                    f'{field.name} = {quoted(value)}: expected a finite number {wanted}'
+                )
         if self.sigma_full <= self.sigma_off:
             raise InputError(
                 f'sigma_full = {self.sigma_full:g}: expected a number above '

@@ -9,14 +9,14 @@ from itertools import combinations
 from math import inf
 
 from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.statics import clipped, FOUR, MotorRates, Torques
+from spm_haptic_master.force.statics import clipped, FOUR_MOTORS, Statics, Torques
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.kinematics.vectors import cross, dot
 
 
-class FourMotors(MotorRates):
+class FourMotors(Statics):
     """
     Statics of four motors in the pose that `place` took last.
 
@@ -33,7 +33,7 @@ class FourMotors(MotorRates):
     __slots__ = ()
 
     def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
-        super().__init__(geometry, working_mode, FOUR, limits)
+        super().__init__(geometry, working_mode, FOUR_MOTORS, limits)
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.statics import LegConstants, MotorRates
+from spm_haptic_master.force.statics import LegConstants, Statics
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
@@ -35,8 +35,8 @@ from spm_haptic_master.kinematics.vectors import added, cross, dot, scaled, subt
 
 # Standard gravity, along -z of the base frame (m/s^2).
 STANDARD: Vector[float] = (0.0, 0.0, -9.80665)
-# Fewest poses of an identification, and least number of the nine values that they determine: the
-# axis of one proximal link may be vertical, so that its two values make no torque.
+# Fewest poses of an identification, and least number of the nine values that they determine: Z1k
+# of one leg may be vertical, so that the two values of its proximal link make no torque.
 FEWEST_POSES = 6
 LEAST_RANK = 7
 # Smallest singular value over the largest that determines a direction (unit 1).
@@ -86,56 +86,56 @@ class LinkWeight:
         self._across = cross(self._torque, leg.first)
         self._constant = -across * leg.sign * leg.cos_alpha * dot(down, leg.first)
 
-    def torque(self, rates: MotorRates) -> Vector[float]:
-        """Return the torque on the handle, N m in the base frame, in the pose of `rates`."""
-        leg = rates.legs[self._number]
-        pose = rates.leg_poses[self._number]
+    def torque(self, statics: Statics) -> Vector[float]:
+        """Return the torque on the handle, N m in the base frame, in the pose of `statics`."""
+        leg = statics.legs[self._number]
+        pose = statics.leg_poses[self._number]
         u = pose.u
         divisor = pose.divisor
         # Z2k by its products with Z1k, Z3k and Z1k x Z3k; its torque turns by the row of th1k.
-        second = (
+        along_second = (
             (leg.cos_alpha - leg.cos_beta * u) * self._along
             + (leg.cos_beta - leg.cos_alpha * u) * dot(self._torque, pose.third)
             - sqrt(pose.reach) * dot(self._across, pose.third)
         ) / divisor
-        motor_torque = (self._constant + second) / divisor
+        motor_torque = (self._constant + along_second) / divisor
         return scaled(motor_torque, pose.row)
 
 
 class Weight:
     """
-    The torque that holds handle and links, in the pose that rates have.
+    The torque that holds handle and links, in the pose of the statics.
 
     Parameters
     ----------
     gravity : Gravity
         Masses times offsets.
-    rates : MotorRates
-        Rows of G and the pose.
+    statics : Statics
+        Has the pose, and the rows of G.
 
     """
 
-    __slots__ = ('_down', '_handle', '_links', '_rates')
+    __slots__ = ('_down', '_handle', '_links', '_statics')
 
-    def __init__(self, gravity: Gravity, rates: MotorRates) -> None:
+    def __init__(self, gravity: Gravity, statics: Statics) -> None:
         self._handle = gravity.handle
         self._down = gravity.down
-        self._rates = rates
+        self._statics = statics
         along = gravity.proximal[::2]
         across = gravity.proximal[1::2]
         offsets = zip(along, across, strict=True)
         self._links = [
             LinkWeight(number, leg, offset, gravity.down)
-            for number, (leg, offset) in enumerate(zip(rates.legs, offsets, strict=True))
+            for number, (leg, offset) in enumerate(zip(statics.legs, offsets, strict=True))
             if any(offset)
         ]
 
     def torque(self) -> Vector[float]:
         """Return the torque on the handle that holds it, N m in the base frame."""
-        offset = times(self._rates.rotation, self._handle)
+        offset = times(self._statics.rotation, self._handle)
         torque = cross(self._down, offset)
         for link in self._links:
-            torque = added(torque, link.torque(self._rates))
+            torque = added(torque, link.torque(self._statics))
         return torque
 
 
@@ -185,6 +185,7 @@ def identify_gravity(
             f'{len(poses)} poses and {len(torques)} sets of motor torques: expected '
             f'as many of each, {FEWEST_POSES} or more'
         )
+    # The torque is linear in nine values: that of each alone, of size 1, is a column.
     weights = [
         Weight(Gravity((x, y, z), tuple(rest), down), statics)
         for x, y, z, *rest in np.eye(9).tolist()

@@ -33,7 +33,7 @@ class HandleTorque:
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
         self._lock = Lock(limits.lock_stiffness)
-        self._fade_start: Vector[float] = NOTHING  # what was asked at its begin
+        self._fade_start: Vector[float] = NOTHING  # what was asked when the fade began, N m
         self.end()
 
     def end(self) -> None:
@@ -94,7 +94,7 @@ class HandleTorque:
         self.asked = moved(self.asked, wanted, self._limits.slew * dt)
 
     def _grow(self, dt: float) -> None:
-        """Let the ramps go up."""
+        """Let the ramps go up; that of the wrench begins no earlier than the other."""
         if self._wrench_ramp < 1.0:
             step = dt / self._limits.ramp
             self.ramp = min(1.0, self.ramp + step)

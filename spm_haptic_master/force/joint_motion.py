@@ -46,7 +46,7 @@ class JointMotion:
         """Forget the motion."""
         self._kept.clear()
 
-    def work(
+    def follow(
         self,
         stamp: int,
         angles: tuple[float, ...],

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.four_motors import FourMotors
-from spm_haptic_master.force.statics import FOUR, THREE
+from spm_haptic_master.force.statics import FOUR_MOTORS, THREE_MOTORS
 from spm_haptic_master.force.three_motors import ThreeMotors
 from spm_haptic_master.kinematics.checks import (
     check_array,
@@ -38,7 +38,7 @@ def make_statics(
     """Return the statics of some motors, pose by pose; InputError for a wrong argument."""
     check_geometry(geometry)
     mode = check_working_mode(working_mode)
-    has_four = check_count('motors', motors, THREE, FOUR) == FOUR
+    has_four = check_count('motors', motors, THREE_MOTORS, FOUR_MOTORS) == FOUR_MOTORS
     return (FourMotors if has_four else ThreeMotors)(geometry, mode, limits)
 
 
@@ -56,7 +56,7 @@ def render(
     torque: ArrayLike,
     geometry: Geometry = PAPER_GEOMETRY,
     working_mode: Sequence[int] = RIG_WORKING_MODE,
-    motors: int = THREE,
+    motors: int = THREE_MOTORS,
     motor_torque_limit: float = 0.5,
     sigma_off: float = 0.05,
     sigma_full: float = 0.15,
@@ -127,8 +127,7 @@ def render(
     rendered = both[..., motors:]
     whole = np.linalg.norm(asked, axis=-1)
     part = np.linalg.norm(rendered, axis=-1)
-    return Rendered(
-        torques,
-        rendered,
-        np.divide(part, whole, out=np.asarray(1.0 + 0.0 * part), where=whole > 0.0),
-    )
+    # 1 where no torque is asked for, but NaN where the pose has none.
+    fraction = np.asarray(1.0 + 0.0 * part)
+    np.divide(part, whole, out=fraction, where=whole > 0.0)
+    return Rendered(motor_torque=torques, rendered=rendered, fraction=fraction)

@@ -39,8 +39,8 @@ Torques: TypeAlias = tuple[float, ...]
 # Least B_kk^2 of a leg (unit 1).
 LEAST_SQUARE = MODE_BOUNDARY**2
 # Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
-THREE = 3
-FOUR = 4
+THREE_MOTORS = 3
+FOUR_MOTORS = 4
 
 
 def smoothstep(x: float) -> float:
@@ -98,7 +98,7 @@ class LegConstants:
     cos_alpha, cos_beta : float
         Cosines of the link angles, both times `sign`.
     squares, twice : float
-        Sum of the squares of these, and twice their product.
+        Sum of the squares of these, and twice their product: the constants of B_kk^2.
 
     """
 
@@ -126,7 +126,7 @@ class LegConstants:
         divisor = 1.0 - u * u
         reach = divisor - self.squares + self.twice * u
         if not reach >= LEAST_SQUARE:
-            # Raises.
+            # One of these raises, as it does for the inverse model.
             FLOATS.mode_reciprocal(self.sign * FLOATS.reach_root(reach))
         factor = (self.cos_alpha - u * self.cos_beta) / sqrt(reach)
         normal = nx, ny, nz = cross(self.first, third)
@@ -152,7 +152,7 @@ class LegConstants:
         )
 
 
-class MotorRates:
+class Statics:
     """
     Rows of G in the pose that `place` took last, and the torque of motors on the handle.
 
@@ -212,21 +212,21 @@ class MotorRates:
         pose_a = leg_a.place(rotation)
         self.leg_poses = pose_a, leg_b.place(rotation), leg_c.place(rotation)
         self.rotation = rotation
-        if self.motors == FOUR:
+        if self.motors == FOUR_MOTORS:
             self.fourth_row = leg_a.third_row(pose_a)
 
     def strength(self, direction: Vector[float]) -> float:
         """
         Return the share (unit 1) of a torque along a unit vector that the motors may make.
 
-        All of it, but with three motors near the singularity.
+        All of it here; `ThreeMotors` makes less near the singularity.
         """
         return 1.0
 
     def rows(self) -> list[Vector[float]]:
         """Return the rows of G, one for each motor: thetadot = G omega, in the base frame."""
         rows = [divided(pose.row, pose.divisor) for pose in self.leg_poses]
-        if self.motors == FOUR:
+        if self.motors == FOUR_MOTORS:
             rows.append(divided(self.fourth_row, self.leg_poses[0].divisor))
         return rows
 

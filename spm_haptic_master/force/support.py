@@ -8,7 +8,7 @@ from __future__ import annotations
 from spm_haptic_master.force.end_stop import EndStop
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.gravity import Gravity, Weight
-from spm_haptic_master.force.statics import MotorRates
+from spm_haptic_master.force.statics import Statics
 from spm_haptic_master.force.vectors import NOTHING
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import Vector
@@ -27,8 +27,8 @@ class Support:
         Weight of handle and links; None: none is compensated.
     limits : ForceLimits
         With the time of a ramp, and where the end stop begins.
-    rates : MotorRates
-        The pose.
+    statics : Statics
+        Has the pose.
 
     Attributes
     ----------
@@ -52,10 +52,10 @@ class Support:
         geometry: Geometry,
         gravity: Gravity | None,
         limits: ForceLimits,
-        rates: MotorRates,
+        statics: Statics,
     ) -> None:
-        self._weight = None if gravity is None else Weight(gravity, rates)
-        self._end_stop = EndStop(geometry, limits, rates)
+        self._weight = None if gravity is None else Weight(gravity, statics)
+        self._end_stop = EndStop(geometry, limits, statics)
         self._ramp = limits.ramp
         self.end()
 
@@ -72,7 +72,7 @@ class Support:
         return any(self.weight) or any(self.end_stop)
 
     @property
-    def share(self) -> float:
+    def weight_share(self) -> float:
         """Share of the weight that is compensated (unit 1); 0 where there is none."""
         return 0.0 if self._weight is None else self._weight_share
 
@@ -84,7 +84,7 @@ class Support:
         dt: float,
     ) -> None:
         """
-        Raise or lower both by a step of the ramp, in the pose of the rates.
+        Raise or lower both by a step of the ramp, in the pose of the statics.
 
         Parameters
         ----------

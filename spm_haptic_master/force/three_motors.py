@@ -30,9 +30,9 @@ from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.statics import (
     clipped,
     divided,
-    MotorRates,
     smoothstep,
-    THREE,
+    Statics,
+    THREE_MOTORS,
     Torques,
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
@@ -48,19 +48,20 @@ BEGIN = 0.2
 # Steps of the inverse iteration. Wherever s_3 is below 0.3 in the workspace the handle's axis Z_E
 # is within 15 deg of the weak direction; two steps from there leave 1.2e-3 rad at s_3 = 0.45, 4e-5
 # rad where the fade begins (0.15).
-STEPS = 2
+INVERSE_STEPS = 2
 
 
-class ThreeMotors(MotorRates):
+class ThreeMotors(Statics):
     """Statics of three motors in the pose that `place` took last."""
 
     __slots__ = ('_least', '_square')
 
     def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
-        super().__init__(geometry, working_mode, THREE, limits)
-        # Least 2 |det G| over the sum of the 1 / B_kk^2 with which s_3 is above sigma_full: a row
-        # of G is as long as sin beta / |B_kk|. The weak part is whole there: its bound is above
-        # the limit of one motor from s_3 = 0.7 sigma_off on.
+        super().__init__(geometry, working_mode, THREE_MOTORS, limits)
+        # Least |det G| over the sum of the 1 / B_kk^2 with which s_3 is above sigma_full: s_3 is
+        # 2 |det G| over the sum of the squares of G or more, and a row of G is as long as
+        # sin beta / |B_kk|. The weak part is whole there: its bound is above the limit of one
+        # motor from s_3 = 0.7 sigma_off on.
         longest = max(1.0 - leg.cos_beta**2 for leg in geometry.legs)
         self._least = 0.5 * limits.sigma_full * longest
         self._square = limits.motor_torque**2
@@ -96,12 +97,12 @@ class ThreeMotors(MotorRates):
         wa = leg_a.divisor
         wb = leg_b.divisor
         wc = leg_c.divisor
-        # Cramer's rule, with the rows of G times 1 - u^2.
+        # Cramer's rule, with the rows of G times their divisors 1 - u^2.
         px = by * cz - bz * cy
         py = bz * cx - bx * cz
         pz = bx * cy - by * cx
         determinant = ax * px + ay * py + az * pz
-        # s_3 is 2 |det G| over the sum of the squares of G, or more.
+        # See `_least`; here with the divisors of the rows.
         inverse_reach = 1.0 / leg_a.reach + 1.0 / leg_b.reach + 1.0 / leg_c.reach
         least = self._least * wa * wb * wc * inverse_reach
         if determinant * determinant > least * least:
@@ -163,7 +164,7 @@ class ThreeMotors(MotorRates):
         direction most: the iteration begins at the handle's axis.
         """
         v = self.rotation[2], self.rotation[5], self.rotation[8]
-        for _ in range(STEPS):
+        for _ in range(INVERSE_STEPS):
             v = transposed_times(cofactors, times(cofactors, v))
         v = scaled(1.0 / sqrt(dot(v, v)), v)
         turned = times(cofactors, v)

@@ -173,7 +173,7 @@ class BringUp:
         # Times in the part, and since a joint has turned, s.
         self.since = self.still = self._near_since = 0.0
         self._near = self.angles
-        self._motion.work(self._start, self.angles, self.nothing, 0.0)
+        self._motion.follow(self._start, self.angles, self.nothing, 0.0)
 
     def step(self, torques: Torques, recorded: bool = False) -> None:
         """
@@ -202,7 +202,7 @@ class BringUp:
         stamp, self.angles = self._read()
         before = self.since
         self.since = 1e-9 * (stamp - self._start)
-        self._motion.work(stamp, self.angles, self.nothing, self.since - before)
+        self._motion.follow(stamp, self.angles, self.nothing, self.since - before)
         if self.turn(self._near) > STILL:
             self._near = self.angles
             self._near_since = self.since

@@ -85,7 +85,7 @@ def test_the_work_of_motors_whose_joints_cross_half_a_turn():
     for step in range(12):
         angle = np.pi - 0.005 + 1e-3 * step
         wrapped = float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
-        work = motion.work(
+        work = motion.follow(
             step * 1_000_000,
             (wrapped, 0.5 - 2e-3 * step, -0.5, 9.0),
             WEIGHTS,
@@ -94,10 +94,10 @@ def test_the_work_of_motors_whose_joints_cross_half_a_turn():
         if step:
             assert work == pytest.approx(1e-3 - 20e-3)
     assert motion.velocity == pytest.approx((1.0, -2.0, 0.0))
-    assert motion.work(12_000_000, (0.0, float('nan'), 0.0, 9.0), WEIGHTS, DT) is None
+    assert motion.follow(12_000_000, (0.0, float('nan'), 0.0, 9.0), WEIGHTS, DT) is None
     assert motion.is_missing
     assert motion.velocity is None
-    assert motion.work(13_000_000, (0.0, 0.0, 0.0, 9.0), WEIGHTS, DT) is None
+    assert motion.follow(13_000_000, (0.0, 0.0, 0.0, 9.0), WEIGHTS, DT) is None
     assert not motion.is_missing
 
 
@@ -105,25 +105,25 @@ def test_the_work_of_motors_whose_joints_cross_half_a_turn():
 def test_the_work_is_that_of_the_motors_alone(motors, work):
     motion = JointMotion(motors)
     torques = (*WEIGHTS, 1000.0)[:motors]
-    motion.work(0, (0.1, 0.2, 0.3, 0.4, 0.5), torques, DT)
+    motion.follow(0, (0.1, 0.2, 0.3, 0.4, 0.5), torques, DT)
     moved = (0.101, 0.202, 0.303, 0.404, 9.0)
-    assert motion.work(1_000_000, moved, torques, DT) == pytest.approx(work)
+    assert motion.follow(1_000_000, moved, torques, DT) == pytest.approx(work)
 
 
 def test_an_encoder_that_jumps_is_no_motion():
     """5 deg in a millisecond: no work is counted, and no velocity damps it."""
     motion = JointMotion(3)
     for step in range(12):
-        motion.work(
+        motion.follow(
             step * 1_000_000,
             (1e-3 * step, 0.0, 0.0),
             WEIGHTS,
             DT,
         )
-    assert motion.work(12_000_000, (0.012, 0.087, 0.0), WEIGHTS, DT) is None
+    assert motion.follow(12_000_000, (0.012, 0.087, 0.0), WEIGHTS, DT) is None
     assert motion.velocity is None
     assert not motion.is_missing
-    assert motion.work(13_000_000, (0.013, 0.087, 0.0), WEIGHTS, DT) == pytest.approx(1e-3)
+    assert motion.follow(13_000_000, (0.013, 0.087, 0.0), WEIGHTS, DT) == pytest.approx(1e-3)
 
 
 def test_a_wrench_without_use_for_a_second_is_a_fault():

@@ -344,9 +344,9 @@ def test_a_budget_is_spent_after_a_second_below_a_tenth_of_the_wrench_without_a_
 def test_a_joint_faster_than_30_rad_per_second_is_an_encoder_that_jumps(turn, is_motion):
     for begin in (0.1, np.pi - 0.01, -np.pi + 0.01):
         motion = JointMotion(3)
-        motion.work(0, (0.0, begin, 0.0), (1.0, 1.0, 1.0), DT)
+        motion.follow(0, (0.0, begin, 0.0), (1.0, 1.0, 1.0), DT)
         end = float(np.remainder(begin + turn + np.pi, 2.0 * np.pi) - np.pi)
-        work = motion.work(MS, (0.0, end, 0.0), (1.0, 1.0, 1.0), DT)
+        work = motion.follow(MS, (0.0, end, 0.0), (1.0, 1.0, 1.0), DT)
         assert (work is not None) is is_motion
 
 
@@ -356,7 +356,7 @@ def test_a_joint_velocity_is_that_over_the_last_10_ms():
     velocities = []
     for step in range(30):
         angle = 1e-3 * step if step < 15 else 0.014
-        motion.work(step * MS, (angle, 0.0, 0.0), ZERO, DT)
+        motion.follow(step * MS, (angle, 0.0, 0.0), ZERO, DT)
         velocities.append(motion.velocity)
     assert velocities[:5] == [None] * 5
     speeds = [velocity[0] for velocity in velocities[5:]]
@@ -369,7 +369,7 @@ def test_a_joint_velocity_is_that_over_the_last_10_ms():
 @pytest.mark.parametrize('name', ['damping', 'lock_stiffness', 'end_stop'])
 def test_what_may_be_switched_off_may_be_zero_and_not_less(name):
     assert getattr(ForceLimits(**{name: 0.0}), name) == 0.0
-    with pytest.raises(InputError, match=name):
+    with pytest.raises(InputError, match=f'{name} = -1e-09: expected a finite number 0 or more'):
         ForceLimits(**{name: -1e-9})
 
 
