@@ -11,7 +11,10 @@ from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.estimation.damped_fit import explaining_orientation
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
-from spm_haptic_master.kinematics.estimation.sample_estimates import CONSISTENT, estimate_sample
+from spm_haptic_master.kinematics.estimation.sample_estimates import (
+    estimate_sample,
+    SELECTABLE_PARITY,
+)
 from spm_haptic_master.kinematics.estimation.sensor_faults import (
     implied_fault,
     ImpliedFault,
@@ -64,7 +67,7 @@ class Solver:
         self._last_step = sqrt(REMAINDER * min(sigma))
         whitened = [offset / deviation for offset, deviation in zip(bias, sigma, strict=True)]
         # Largest parity of a solution that the last orientation may select (unit 1).
-        self._consistent = CONSISTENT + hypot(*whitened)
+        self._selectable_parity = SELECTABLE_PARITY + hypot(*whitened)
 
     def solve(
         self,
@@ -104,7 +107,7 @@ class Solver:
             prior,
             self._working_mode,
             self._last_step,
-            self._consistent,
+            self._selectable_parity,
         )
 
     def other_solutions(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:

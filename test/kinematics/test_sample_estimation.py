@@ -353,7 +353,7 @@ def test_two_solutions_are_ambiguous_up_to_three_sigma(squared, ambiguous, selec
     assert others
     for other in others:
         assert np.linalg.norm(rotated(other, rival.rotation)) < 1e-6
-    other = kinematics.estimate_sample(*arguments, quaternion(prior), consistent=10.2)
+    other = kinematics.estimate_sample(*arguments, quaternion(prior), selectable_parity=10.2)
     assert np.linalg.norm(rotated(other, rival.rotation)) < 1e-6
 
 

@@ -7,7 +7,7 @@ Whether any orientation near a given one explains the readings, also where they 
 Gauss-Newton diverges where the sensors measure one direction hardly at all, as where two of their
 solutions meet: that it finds no solution says nothing of the readings. A damped step is that of
 readings with which the last orientation is one more measurement, of deviation `DAMPING`: it stays
-short along such a direction, and lowers the residuals along the others as ever.
+short along such a direction, and lowers the residuals along the others as an undamped one does.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ from spm_haptic_master.kinematics.leg_kernels import chain_quaternion, linkage
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 
-# Deviation of the last state as a measurement of the next one, rad: of the size of the steps.
+# Standard deviation of the last state as a measurement of the next one, rad: of the size of the
+# steps.
 DAMPING = 0.05
 # Rows of that measurement: residual 0 along th1A, th2A and th3A.
 WEIGHT = 1.0 / DAMPING**2
@@ -47,8 +48,8 @@ DAMPED_ROWS: tuple[Row[float], ...] = (
     (0.0, 0.0, 1.0, 0.0, WEIGHT),
     (0.0, 0.0, 0.0, 1.0, WEIGHT),
 )
-# Largest number of steps: a fault leaves after a few what later ones hardly lower.
-STEPS = 15
+# Largest number of steps: what a fault leaves after a few, later ones hardly lower.
+DAMPED_STEPS = 15
 # Largest correction of a leg that counts as closed, rad: its second order is below the noise.
 CLOSED = 0.005
 
@@ -123,7 +124,7 @@ def _explaining_from(
     SingularityError if a leg comes to the boundary of its working mode.
     """
     readings = tuple([0.0 if angle is None else angle for angle in known[: len(sensors.sigma)]])
-    for _ in range(STEPS):
+    for _ in range(DAMPED_STEPS):
         th1a, th2a, th3a, th1b, th1c = state
         view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
         legs, rows = linearise(state, view, readings, sensors, geometry, FLOATS)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from math import hypot, sin, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.closed_form import CLOSED_FORM_TRUST
@@ -53,11 +54,12 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, sta
 CONVERGED_STEP = 1e-5
 # Largest number of Gauss-Newton steps, of a sample and of rows together; two are usual. Rows that
 # need more are done one by one.
-STEPS = 30
+MOST_STEPS = 30
 BATCH_STEPS = 6
 # Longest step along any coordinate (rad); a longer one is shortened to it.
 LONGEST_STEP = 0.3
-# Largest determinant of the normal equations that counts as zero (product of their diagonal).
+# Largest determinant of the normal equations that counts as zero, over the product of their
+# diagonal (unit 1).
 RANK_TOLERANCE = 1e-12
 # Largest |B_kk| of the wrong sign that noise causes near the boundary of a working mode (unit 1).
 MODE_MARGIN = 0.02
@@ -84,7 +86,7 @@ class SampleEstimate:
         cannot contradict each other.
     determined : bool
         Whether the sensors determine the orientation: total deviation below
-        `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
+        `DETERMINED_DEVIATION`. It does not say whether they agree: see `parity_vector`.
     sensors : UsedSensors
         The sensors in use.
     parity_vector : tuple of float
@@ -156,9 +158,10 @@ def fit(
     """
     Estimate a sample by Gauss-Newton steps from a state with its `linkage`.
 
-    All other arguments, and the errors, are those of `estimate_sample`.
+    All other arguments, and the errors, are those of `estimate_sample`. Covariance and parity are
+    those at the state before the last step, which is shorter than `last_step`.
     """
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         legs, rows = linearise(state, view, readings, sensors, g, FLOATS)
         right, adjugate, determinant, diagonal = normal_equations(rows)
         if not determinant > RANK_TOLERANCE * diagonal:
@@ -166,7 +169,7 @@ def fit(
                 f'readings {readings} rad: the sensors do not measure every direction'
             )
         step, spread = gauss_newton_step(right, legs, adjugate, determinant)
-        if _is_within(step, last_step):
+        if _is_short(step, last_step):
             state = moved(state, step)
             if working_mode is not None and not is_in_mode(
                 state[1], legs, sensors, working_mode, g
@@ -182,8 +185,8 @@ def fit(
     raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
 
 
-def _is_within(step: State[float], most: float) -> bool:
-    """Return whether a step is shorter than `most` along each coordinate; NaN is not."""
+def _is_short(step: State[float], most: float) -> bool:
+    """Whether a step is shorter than `most` along each coordinate; NaN is not."""
     d1a, d2a, d3a, d1b, d1c = step
     return (
         -most < d1a < most
@@ -271,32 +274,57 @@ def _gain_size(row: Row[float], motions: Motions[float]) -> float:
     )
 
 
-def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array, Array, Array]:
-    """Fit rows (n, N), rad: rotation, covariance, parity vector; NaN without convergence."""
-    columns: tuple[Batch, ...] = tuple(np.ascontiguousarray(readings.T))
+def _trusted_starts(
+    columns: tuple[Batch, ...],
+    sensors: UsedSensors,
+    g: Geometry,
+) -> tuple[State[Batch], Linkage[Batch], NDArray[np.bool_]]:
+    """Return states by leg A's Case 2 with their linkage, and which of them are to be trusted."""
     th1a, th1b, th1c, th3a = columns[:4]
     view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
     cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
     th2a: Batch = np.arctan2(sine * determinant, cosine * determinant)
-    state: State[Batch] = th1a, th2a, th3a, th1b, th1c
     trusted = np.abs(determinant) > CLOSED_FORM_TRUST * sensors.largest
-    # Rows that are not trusted may diverge here; they are done one by one afterwards.
+    return (th1a, th2a, th3a, th1b, th1c), view, trusted
+
+
+def fit_rows(readings: Array, sensors: UsedSensors, g: Geometry) -> tuple[Array, Array, Array]:
+    """
+    Fit rows of readings together by Gauss-Newton.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, N)
+        Of the N mounted sensors, all in use, rad.
+    sensors : UsedSensors
+        Standard deviations.
+    g : Geometry
+        Link angles and axes.
+
+    Returns
+    -------
+    rotation, covariance : ndarray, shape (n, 3, 3)
+        R_base_platform, and the covariance of its error in the base frame, rad^2.
+    vector : ndarray, shape (n, N - 3)
+        The parity vector (unit 1). All three are NaN in rows without a start to be trusted, and in
+        those that do not converge in `BATCH_STEPS`: these have to be done one by one.
+
+    """
+    columns: tuple[Batch, ...] = tuple(np.ascontiguousarray(readings.T))
+    state, view, trusted = _trusted_starts(columns, sensors, g)
+    # Rows that are not trusted may diverge here.
     with np.errstate(all='ignore'):
         for _ in range(BATCH_STEPS):
             legs, rows = linearise(state, view, columns, sensors, g, ARRAYS)
             right, adjugate, determinant, diagonal = normal_equations(rows)
             step, spread = gauss_newton_step(right, legs, adjugate, determinant)
             d1, d2, d3, db, dc = step
-            th1a, th2a, th3a, th1b, th1c = state = (
-                th1a + d1,
-                th2a + d2,
-                th3a + d3,
-                th1b + db,
-                th1c + dc,
-            )
+            th1a, th2a, th3a, th1b, th1c = state
+            state = th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc
             longest = np.max([np.abs(change) for change in step], axis=0)
             trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * diagonal)
             settled = trusted & (longest < CONVERGED_STEP)
+            th1a, th2a, th3a, th1b, th1c = state
             if np.array_equal(settled, trusted):
                 break
             view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)

@@ -35,13 +35,13 @@ from spm_haptic_master.kinematics.vectors import about_z, cross, dot
 TURN = 2.0 * math.pi
 State: TypeAlias = tuple[N, N, N, N, N]
 # Correction of a leg's active angle (rad), its rates along th1A, th2A, th3A (unit 1), and B_kk.
-Closure: TypeAlias = tuple[N, N, N, N, N]
-Legs: TypeAlias = tuple[Closure[N], Closure[N]]
+ClosureRow: TypeAlias = tuple[N, N, N, N, N]
+Legs: TypeAlias = tuple[ClosureRow[N], ClosureRow[N]]
 # Residual (rad), rates along th1A, th2A, th3A (unit 1) and weight (1 / rad^2) of a sensor.
 Row: TypeAlias = tuple[N, N, N, N, float]
 # Cosines and sines of th1A, th2A and th3A (unit 1).
 Turns: TypeAlias = tuple[Turn[N], Turn[N], Turn[N]]
-# The row of a sensor that is left out, and the closure of a leg without a sensor.
+# The row of a sensor that is left out, and that of the closure of a leg without a sensor.
 NO_ROW = 0.0, 0.0, 0.0, 0.0, 0.0
 Symmetric: TypeAlias = tuple[N, N, N, N, N, N]
 # Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
@@ -72,16 +72,16 @@ def linearise(
     turn_1, turn_3, leg_b, leg_c = view
     weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
     turns = turn_1, (m.cos(th2a), m.sin(th2a)), turn_3
-    closure_b: Closure[N] = NO_ROW
-    closure_c: Closure[N] = NO_ROW
+    closure_b: ClosureRow[N] = NO_ROW
+    closure_c: ClosureRow[N] = NO_ROW
     row_b: Row[N] = NO_ROW
     row_c: Row[N] = NO_ROW
     if weight_b or weight_3b:
-        reading = readings[4] if weight_3b else None
-        closure_b, row_b = closed_leg(turns, leg_b, g, 1, reading, weight_3b, m)
+        reading_b = readings[4] if weight_3b else None
+        closure_b, row_b = closed_leg(turns, leg_b, g, 1, reading_b, weight_3b, m)
     if weight_c or weight_3c:
-        reading = readings[5] if weight_3c else None
-        closure_c, row_c = closed_leg(turns, leg_c, g, 2, reading, weight_3c, m)
+        reading_c = readings[5] if weight_3c else None
+        closure_c, row_c = closed_leg(turns, leg_c, g, 2, reading_c, weight_3c, m)
     correction_b, b1, b2, b3, _ = closure_b
     correction_c, c1, c2, c3, _ = closure_c
     rows = (
@@ -103,12 +103,12 @@ def closed_leg(
     reading: N | None,
     weight: float,
     m: Backend[N],
-) -> tuple[Closure[N], Row[N]]:
+) -> tuple[ClosureRow[N], Row[N]]:
     """
     Linearise leg B (`place` 1) or C (2): its closure, and the row of a sensor on its third joint.
 
-    `reading` is the sensor's, rad; None for a sensor that is left out. All axes are after leg A's
-    second joint.
+    `reading` is the sensor's, rad; None for a sensor that is left out. All axes are in the frame
+    behind leg A's second joint.
     """
     (c1, s1), (c2, s2), turn_3 = turns
     second_before, third, cos_beta = view
@@ -123,8 +123,8 @@ def closed_leg(
     along = dot(first, moment)
     reciprocal = m.mode_reciprocal(along)
     correction = (cos_beta - dot(second, third)) * reciprocal
-    rate_1, rate_2, rate_3 = _rates(moment, reciprocal, carrier_first, carrier)
-    closure: Closure[N] = correction, rate_1, rate_2, rate_3, -along
+    active_1, active_2, active_3 = _rates(moment, reciprocal, carrier_first, carrier)
+    closure: ClosureRow[N] = correction, active_1, active_2, active_3, -along
     if reading is None:
         return closure, NO_ROW
     # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
@@ -132,11 +132,11 @@ def closed_leg(
     zero = turn_through_link(c3, s3, carried.zero)
     th3 = m.atan2(dot(zero, second), -dot(zero, moment))
     # A turn of the platform changes th3k at the rate axis . (Z2k x Z1k) / Z1k . (Z3k x Z2k).
-    rate_1, rate_2, rate_3 = _rates(cross(second, first), reciprocal, carrier_first, carrier)
+    third_1, third_2, third_3 = _rates(cross(second, first), reciprocal, carrier_first, carrier)
     # th3k follows th1k, which the closure corrects.
     follows = _rate_of_third(first, third, g.legs[place]) * correction
     residual = m.remainder(reading - th3, TURN) + follows
-    return closure, (residual, rate_1, rate_2, rate_3, weight)
+    return closure, (residual, third_1, third_2, third_3, weight)
 
 
 def _rates(
@@ -178,6 +178,7 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
     direction.
     """
     row_a, row_b, row_c, row_3, *further = rows
+    # Normal matrix n = H^T W H and right side y = H^T W r of the rows H, weights W, residuals r.
     # th1A and th3A are coordinates themselves.
     residual_a, _, _, _, weight_a = row_a
     residual_3, _, _, _, weight_3 = row_3
@@ -205,6 +206,7 @@ def normal_equations(rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N],
         y2 = y2 + wy * residual
         y3 = y3 + wz * residual
     y3 = y3 + weight_3 * residual_3
+    # The adjugate has the cofactors of the symmetric matrix.
     e11 = n22 * n33 - n23 * n23
     e12 = n13 * n23 - n12 * n33
     e13 = n12 * n23 - n13 * n22
@@ -251,7 +253,11 @@ def in_base_frame(
     g: Geometry,
     m: Backend[N],
 ) -> tuple[Rotation[N], Motions[N]]:
-    """Covariance of the rotation error in the base frame, and with errors of th1A, th2A, th3A."""
+    """
+    Return the covariance of the rotation error in the base frame, rad^2.
+
+    And its covariance with the errors of th1A, th2A, th3A, of which `covariance` is given, rad^2.
+    """
     cosine_1 = m.cos(th1a)
     sine_1 = m.sin(th1a)
     # The platform turns about Z1A, Z2A and Z3A: u, v and w.
@@ -344,8 +350,8 @@ def _comparison(
     size = m.reciprocal_root(share, NO_SHARE) / sensors.sigma[place]
     changes: list[N] = [0.0] * len(rows)
     for before in places[:index]:
-        _, x, y, z, weight = rows[before]
-        changes[before] = -size * weight * dot((x, y, z), gain)
+        _, rate_1, rate_2, rate_3, own_weight = rows[before]
+        changes[before] = -size * own_weight * dot((rate_1, rate_2, rate_3), gain)
     changes[place] = size * share
     # The covariance without the sensor is P + size^2 gain gain^T.
     g1, g2, g3 = gain

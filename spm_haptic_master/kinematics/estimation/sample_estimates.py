@@ -41,9 +41,9 @@ from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_f
 # Largest difference of the squared parities of two solutions that explain the readings equally
 # well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
-# Largest parity of a solution that may be the true one of healthy sensors (unit 1): the noise and
-# a nominal bias of the size of the noise.
-CONSISTENT = 10.0
+# Largest parity of a solution that a prior may select (unit 1): that of the true one of healthy
+# sensors, by noise and a nominal bias of the size of the noise, is smaller.
+SELECTABLE_PARITY = 10.0
 
 
 def estimate_sample(
@@ -53,7 +53,7 @@ def estimate_sample(
     prior: Quaternion[float] | None = None,
     working_mode: WorkingMode | None = None,
     last_step: float = CONVERGED_STEP,
-    consistent: float = CONSISTENT,
+    selectable_parity: float = SELECTABLE_PARITY,
 ) -> SampleEstimate:
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
@@ -71,14 +71,14 @@ def estimate_sample(
         Link angles and axes.
     prior : tuple of four float, optional
         Quaternion x, y, z, w of the last orientation. It selects among solutions with a parity up
-        to `consistent`, and has no weight in the result. Three sensors require one; without th3A,
-        not within 4 deg of the parallel singularity.
+        to `selectable_parity`, and has no weight in the result. Three sensors require one; three
+        without th3A require one that is 4 deg or more off the parallel singularity.
     working_mode : tuple of three int, optional
         Signs of B_kk of the legs A, B, C (eq. 10); by default the readings decide. A leg without a
         sensor in use may have any.
     last_step : float
-        Largest last Gauss-Newton step, rad.
-    consistent : float
+        A Gauss-Newton step that is shorter along each coordinate is the last one, rad.
+    selectable_parity : float
         Largest parity of a solution that the prior may select (unit 1).
 
     Returns
@@ -105,7 +105,7 @@ def estimate_sample(
             start = th1a, th2a, th3a, th1b, th1c
             return fit(start, view, readings, sensors, geometry, working_mode, last_step)
     return _estimate_others(
-        readings, sensors, geometry, prior, working_mode, last_step, consistent
+        readings, sensors, geometry, prior, working_mode, last_step, selectable_parity
     )
 
 
@@ -116,7 +116,7 @@ def _estimate_others(
     prior: Quaternion[float] | None,
     working_mode: WorkingMode | None,
     last_step: float,
-    consistent: float,
+    selectable_parity: float,
 ) -> SampleEstimate:
     """Estimate from sensors of which Case 2 gives no start."""
     known = known_readings(readings, sensors)
@@ -131,21 +131,21 @@ def _estimate_others(
     solutions = list(fits(possible_starts(known, g), known, sensors, g, working_mode))
     if not solutions:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    return _selected(solutions, readings, prior, consistent)
+    return _selected(solutions, readings, prior, selectable_parity)
 
 
 def _selected(
     solutions: list[SampleEstimate],
     readings: tuple[float, ...],
     prior: Quaternion[float] | None,
-    consistent: float,
+    selectable_parity: float,
 ) -> SampleEstimate:
     """Return the solution that explains the readings best, or that the prior selects."""
     solutions.sort(key=_cost)
     best = solutions[0]
     if prior is not None:
         # Noise alone may make either explain the readings better: the last orientation decides.
-        limit = max(consistent * consistent, _cost(best) + AMBIGUOUS_COST)
+        limit = max(selectable_parity * selectable_parity, _cost(best) + AMBIGUOUS_COST)
         likely = [solution for solution in solutions if _cost(solution) < limit]
         return min(likely, key=lambda other: rotation_distance(other.quaternion, prior))
     for other in solutions:

@@ -13,6 +13,7 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import measured_angles, velocity_rows
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
     conjugate,
@@ -24,6 +25,8 @@ from spm_haptic_master.kinematics.vectors import dot, scaled, times
 
 # Turn on either side of an orientation over which the curvature of the readings is taken (rad).
 CURVATURE_TURN = 0.03
+# The angles of all sensors, mounted or not, come from one inverse model.
+ALL_SENSORS = len(ALL_JOINT_NAMES)
 TURN = 2.0 * math.pi
 
 
@@ -88,10 +91,12 @@ def implied_fault(
     """
     used = others.sensors
     rotation = rotation_from_quaternion(*others.quaternion)
-    angles = measured_angles(rotation, geometry, working_mode, 6)
+    angles = measured_angles(rotation, geometry, working_mode, ALL_SENSORS)
     rows = _sensor_rows(rotation, angles, geometry)
     along = times(others.covariance, rows[sensor])
     sigma = used.sigma[sensor]
+    # Bounds of the bias: the sum of what each does, and the length of the combination's gains
+    # times that of the biases that no motion explains.
     moved = bias[sensor]
     square = 1.0
     for other in used.used:
@@ -117,7 +122,8 @@ def parity_curvature(
     A turn e (rad) of the orientation along that direction changes the parity by e / slope + c e^2
     with this c (1 / rad^2, of either sign): to first order it is the sensor's slope that bounds
     its fault, but where the others stop determining the direction, c alone remains. Of several
-    parities it is the part along the change that a fault of the sensor makes.
+    parities it is the part along the change that a fault of the sensor makes. By the second
+    difference of the readings, `CURVATURE_TURN` to either side.
 
     Parameters
     ----------
@@ -137,13 +143,17 @@ def parity_curvature(
     """
     quaternion = estimate.quaternion
     rotation = rotation_from_quaternion(*quaternion)
-    angles = measured_angles(rotation, geometry, working_mode, 6)
+    angles = measured_angles(rotation, geometry, working_mode, ALL_SENSORS)
     direction = _fault_direction(estimate, sensor, _sensor_rows(rotation, angles, geometry))
     turn = quaternion_from_vector(*scaled(CURVATURE_TURN, direction))
     ahead = multiply_quaternions(turn, quaternion)
     behind = multiply_quaternions(conjugate(turn), quaternion)
-    angles_ahead = measured_angles(rotation_from_quaternion(*ahead), geometry, working_mode, 6)
-    angles_behind = measured_angles(rotation_from_quaternion(*behind), geometry, working_mode, 6)
+    angles_ahead = measured_angles(
+        rotation_from_quaternion(*ahead), geometry, working_mode, ALL_SENSORS
+    )
+    angles_behind = measured_angles(
+        rotation_from_quaternion(*behind), geometry, working_mode, ALL_SENSORS
+    )
     gains = estimate.parity_gains
     own = gains[sensor]
     bent = 0.0
@@ -188,7 +198,7 @@ def turned_by_fault(
 
     """
     rotation = rotation_from_quaternion(*estimate.quaternion)
-    angles = measured_angles(rotation, geometry, working_mode, 6)
+    angles = measured_angles(rotation, geometry, working_mode, ALL_SENSORS)
     direction = _fault_direction(estimate, sensor, _sensor_rows(rotation, angles, geometry))
     rotated = quaternion_from_vector(*scaled(turn, direction))
     ahead = multiply_quaternions(rotated, estimate.quaternion)

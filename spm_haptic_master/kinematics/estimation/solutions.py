@@ -47,9 +47,9 @@ from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Vec
 from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
 from spm_haptic_master.kinematics.vectors import about_x, transposed_times
 
-# Largest angle between two results of one solution (rad): where two solutions meet, noise of the
-# readings turns each further than this. Between it and a result that stopped earlier: in its total
-# standard deviations.
+# Largest angle between two results of Gauss-Newton that are one solution (rad): the noise of the
+# readings alone turns solutions that nearly meet further apart. And between such a result and one
+# that stopped earlier, of the 1 kHz path, in total standard deviations.
 SAME_SOLUTION = 1e-4
 SAME_DEVIATIONS = 6.0
 # Largest residual of a turn equation (unit 1) at a start that may lead to a solution: noise and
@@ -215,23 +215,27 @@ def _unreached_leg(solution: SampleEstimate, known: Readings, geometry: Geometry
 
 
 def _one_reading_a_leg(known: Readings, g: Geometry) -> Iterator[State[float]]:
-    """Yield starts from three readings, one of each leg: leg A carries the platform."""
+    """
+    Yield starts from three readings, one of each leg: leg A carries the platform.
+
+    Leg A has a reading of th1A or of th3A, so that th3A is one where th1A is None.
+    """
     leg = g.legs[0]
     th1 = known[0]
     th3 = known[3]
-    (first,) = closures(known, 1, g)
-    (second,) = closures(known, 2, g)
+    (closure_b,) = closures(known, 1, g)
+    (closure_c,) = closures(known, 2, g)
 
     def equations(cosine: float, sine: float) -> tuple[Vector[float], Vector[float]]:
         """Return the turn equations, in the passive angle without a reading, at a th2A."""
         if th1 is not None:
             return (
-                _of_third(leg, th1, first, cosine, sine),
-                _of_third(leg, th1, second, cosine, sine),
+                _equation_of_third(leg, th1, closure_b, cosine, sine),
+                _equation_of_third(leg, th1, closure_c, cosine, sine),
             )
         return (
-            _of_first(leg, th3 or 0.0, first, cosine, sine),
-            _of_first(leg, th3 or 0.0, second, cosine, sine),
+            _equation_of_first(leg, th3 or 0.0, closure_b, cosine, sine),
+            _equation_of_first(leg, th3 or 0.0, closure_c, cosine, sine),
         )
 
     for th2 in eliminant_roots(equations) or ():
@@ -247,7 +251,7 @@ def _one_reading_a_leg(known: Readings, g: Geometry) -> Iterator[State[float]]:
                 yield start_at(rotation, known, g)
 
 
-def _of_third(
+def _equation_of_third(
     leg: Leg,
     th1: float,
     closure: Closure,
@@ -264,7 +268,7 @@ def _of_third(
     )
 
 
-def _of_first(
+def _equation_of_first(
     leg: Leg,
     th3: float,
     closure: Closure,
