@@ -50,8 +50,8 @@ from spm_haptic_master.kinematics.rotations import (
 from spm_haptic_master.kinematics.vectors import added, dot, scaled, subtracted
 
 # Longest time between two samples over which the torque goes on (s).
-GAP = 0.01
-GAP_NS = round(1e9 * GAP)
+TORQUE_GAP = 0.01
+TORQUE_GAP_NS = round(1e9 * TORQUE_GAP)
 # A stamp that is older by up to this (ns) is a sample that comes again or too late; the clock was
 # set back if it is older than that.
 LATE_NS = 1_000_000_000
@@ -216,9 +216,11 @@ class ForceController:
         """Return the time since the last sample, s; 0 after a gap, which ends all torque."""
         elapsed = stamp - self._stamp
         self._stamp = stamp
-        if 0 < elapsed <= GAP_NS:
+        if 0 < elapsed <= TORQUE_GAP_NS:
             return 1e-9 * elapsed
-        # The drives may have dropped the torque meanwhile: it begins from zero.
+        # The drives may have dropped the torque meanwhile: it begins from zero, and that of before
+        # does no more work.
+        self._last = self._none
         self._motion.restart()
         self._handle.drop()
         self._support.end()

@@ -12,7 +12,7 @@ from spm_haptic_master.drives.drive_factory import make_drives
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.force import ForceController, ForceLimits, Gravity
-from spm_haptic_master.force.controller import GAP
+from spm_haptic_master.force.controller import TORQUE_GAP
 from spm_haptic_master.parameters.geometry import geometry_from, WORKING_MODE_SETTING
 from spm_haptic_master.parameters.setting import Values
 
@@ -65,7 +65,7 @@ def _check_torques(values: Values) -> None:
     """Raise SettingError for limits of the torque that contradict each other."""
     off = values['force.sigma_off']
     most = values['force.torque_limit']
-    least_rate = SAMPLES_IN_GAP / GAP
+    least_rate = SAMPLES_IN_GAP / TORQUE_GAP
     if values['force.sigma_full'] <= off:
         _refuse(values, 'force.sigma_full', f'above force.sigma_off ({off:g})')
     if values['force.small_torque'] > most:
@@ -75,7 +75,7 @@ def _check_torques(values: Values) -> None:
             values,
             'rate',
             f'at least {least_rate:g} Hz with force.enabled: torque begins from zero after '
-            f'{GAP:g} s without a sample',
+            f'{TORQUE_GAP:g} s without a sample',
         )
 
 

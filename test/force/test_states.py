@@ -509,6 +509,18 @@ def test_without_a_velocity_neither_wrench_nor_lock_is_rendered(lock):
     assert np.linalg.norm(changes, axis=1).max() <= 0.01 + 1e-9
 
 
+@pytest.mark.parametrize('motors', [3, 4])
+def test_the_torque_from_before_a_gap_does_no_work_after_it(motors):
+    """The drives have dropped it: from the first sample behind the gap on there is none."""
+    bench = Bench(motors)
+    before = bench.engage().motor_torque
+    energy = bench.step(milliseconds=11).energy
+    ahead = [
+        angle + math.copysign(0.01, torque) for angle, torque in zip(ANGLES, before, strict=False)
+    ]
+    assert bench.step(angles=(*ahead, ANGLES[3])[:4]).energy == energy
+
+
 def test_a_gap_of_the_samples_leaves_nothing_to_fade():
     """The drives have dropped the torque meanwhile: none of it comes back."""
     bench = Bench()
