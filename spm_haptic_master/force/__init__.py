@@ -4,6 +4,10 @@
 """
 Force feedback: motor torques for a torque on the handle, their limits, energy and states.
 
+`ForceController` has the state. It lets each sample pass `Obstacles` (may there be force?),
+`HandleTorque` (what wrench and `Lock` ask of the handle), `Support` (weight and `EndStop`),
+`EnergyBudget` (how much of all that stays passive) and the `Statics` of three or four motors.
+
 Imports kinematics and the top-level modules; no clock, no I/O, no ROS.
 
 Torques on the handle are about the centre of rotation, N m in the base frame where nothing else is

@@ -34,13 +34,13 @@ from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.kinematics.vectors import added, cross, dot, scaled, subtracted, times
 
 # Standard gravity, along -z of the base frame (m/s^2).
-STANDARD: Vector[float] = (0.0, 0.0, -9.80665)
+STANDARD_GRAVITY: Vector[float] = (0.0, 0.0, -9.80665)
 # Fewest poses of an identification, and least number of the nine values that they determine: Z1k
 # of one leg may be vertical, so that the two values of its proximal link make no torque.
 FEWEST_POSES = 6
 LEAST_RANK = 7
 # Smallest singular value over the largest that determines a direction (unit 1).
-DETERMINED = 0.01
+LEAST_RATIO = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Gravity:
 
     handle: Vector[float] = (0.0, 0.0, 0.0)
     proximal: tuple[float, ...] = (0.0,) * 6
-    down: Vector[float] = STANDARD
+    down: Vector[float] = STANDARD_GRAVITY
 
 
 class LinkWeight:
@@ -144,7 +144,7 @@ def identify_gravity(
     motor_torque: ArrayLike,
     geometry: Geometry = PAPER_GEOMETRY,
     working_mode: Sequence[int] = RIG_WORKING_MODE,
-    down: Vector[float] = STANDARD,
+    down: Vector[float] = STANDARD_GRAVITY,
 ) -> tuple[Gravity, float]:
     """
     Return the gravity of handle and links by the motor torques with which they were at rest.
@@ -198,7 +198,7 @@ def identify_gravity(
         sides.append(statics.rendered(tau))
     matrix = np.concatenate(columns)
     side = np.concatenate(sides)
-    values, _, rank, _ = np.linalg.lstsq(matrix, side, rcond=DETERMINED)
+    values, _, rank, _ = np.linalg.lstsq(matrix, side, rcond=LEAST_RATIO)
     if rank < LEAST_RANK:
         raise InputError(
             f'{len(poses)} poses determine {rank} values of gravity: expected '

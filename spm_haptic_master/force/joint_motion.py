@@ -11,7 +11,7 @@ from math import inf, isfinite, remainder, tau
 from spm_haptic_master.force.statics import Torques
 
 # Time over which a joint velocity is averaged (ns), and samples that are kept for it.
-WINDOW = 10_000_000
+VELOCITY_WINDOW = 10_000_000
 KEPT = 200
 # Fastest joint (rad/s): beyond, an encoder has jumped. Of a handle at 10 rad/s the joints
 # are twice as fast, and noise of five times its figure differs by 5 rad/s from sample to sample.
@@ -86,15 +86,15 @@ class JointMotion:
 
     @property
     def velocity(self) -> Torques | None:
-        """Velocity of the motors' joints, rad/s, over `WINDOW`; None before half of it."""
+        """Velocity of the motors' joints over `VELOCITY_WINDOW`, rad/s; None before half of it."""
         kept = self._kept
         if not kept:
             return None
         stamp, angles = kept[-1]
-        while kept[0][0] < stamp - WINDOW:
+        while kept[0][0] < stamp - VELOCITY_WINDOW:
             kept.popleft()
         first, begin = kept[0]
-        if stamp - first < WINDOW // 2:
+        if stamp - first < VELOCITY_WINDOW // 2:
             return None
         rate = 1e9 / (stamp - first)
         return tuple(

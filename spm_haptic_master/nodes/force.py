@@ -24,7 +24,7 @@ from spm_haptic_master.force import (
     ForceSample,
     ForceState,
 )
-from spm_haptic_master.force.joint_motion import WINDOW
+from spm_haptic_master.force.joint_motion import VELOCITY_WINDOW
 from spm_haptic_master.force.samples import ENGAGED, HOLDING, Reason
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import AngularVelocity, rotation_from_quaternion
@@ -113,7 +113,7 @@ class Force:
         self._report: DriveReport | None = None
         self._by_teleop = values['force.engaged_by'] == BY_TELEOP
         self._sensors = values['sensors']
-        self._velocity = AngularVelocity(WINDOW)
+        self._velocity = AngularVelocity(VELOCITY_WINDOW)
         frames = WrenchFrames(values, surroundings.frame_id)
         self._inputs = ForceInputs(
             node, values, frames, surroundings.now, lambda: self._quaternion, self._lock

@@ -28,7 +28,9 @@ FIVE_SENSORS = 5
 SAMPLES_AN_HOUR = 3.6e6  # that the rate of false alarms refers to: 1 kHz
 # Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
 TESTS = 6
-TURN = 2.0 * pi - 1e-9  # rad; a full turn, less the rounding of degrees
+FULL_RANGE = (
+    2.0 * pi - 1e-9
+)  # rad; a joint's range from this on is any angle: a turn, but for rounding
 # A value of `force.engaged_by`.
 BY_TELEOP = 'teleop'
 
@@ -578,7 +580,7 @@ def limits_from(values: Values) -> Limits:
             f'less than joint_max_deg ({list(values["joint_max_deg"])})',
         )
     # A joint that may turn all the way round: noise takes a reading past the end of its range.
-    ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
+    ends = [(-inf, inf) if b - a >= FULL_RANGE else (a, b) for a, b in zip(low, high, strict=True)]
     # Five check each other by two parities: two that are wrong do not cancel in both.
     never = values['sensors'] + 1
     fewest = {

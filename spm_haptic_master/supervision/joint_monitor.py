@@ -86,7 +86,7 @@ class Departure(NamedTuple):
 
     reading: float  # rad
     elapsed: float  # s since the latest reading on the motion
-    step: float  # change of the reading, rad
+    jump: float  # change of the reading off the motion, rad
 
 
 class LeftMotion(NamedTuple):
@@ -249,10 +249,11 @@ class JointMonitor:
             limit = self.limit(elapsed, period) + abs(self.velocity) * timing_error
             is_late = was_late or elapsed > LATE_PERIODS * period
             if self._note_large(reading, innovation, elapsed, period, limit, is_late):
-                step = (
+                # After a late reading only the filter knows where the joint was.
+                jump = (
                     innovation if was_late else remainder(change - self.velocity * elapsed, TURN)
                 )
-                self._leave_motion(reading, step, elapsed)
+                self._leave_motion(reading, jump, elapsed)
                 return
             if elapsed > FORGET_PERIODS * period:
                 self._angle = reading
@@ -292,10 +293,10 @@ class JointMonitor:
         self.innovation = size * ONE_PERIOD / (scale * innovation_deviation(periods))
         return size > limit
 
-    def _leave_motion(self, reading: float, step: float, elapsed: float) -> None:
-        """Leave the motion by a step, rad."""
+    def _leave_motion(self, reading: float, jump: float, elapsed: float) -> None:
+        """Leave the motion by a jump, rad."""
         if self._left is None:
-            self._depart(reading, step, elapsed)
+            self._depart(reading, jump, elapsed)
         else:
             # It left another one shortly before, which no human motion does.
             self._known = 0
@@ -317,17 +318,17 @@ class JointMonitor:
         self._angle = reading
         self._known += 1
 
-    def _depart(self, reading: float, change: float, elapsed: float) -> None:
-        """Remember the motion that the joint leaves, and the change (rad) by which it does so."""
+    def _depart(self, reading: float, jump: float, elapsed: float) -> None:
+        """Remember the motion that the joint leaves, and the jump (rad) by which it does so."""
         self._left = LeftMotion(
             angle=self._angle,
             velocity=self.velocity,
             elapsed=elapsed,
-            departure=Departure(reading=reading, elapsed=elapsed, step=change),
+            departure=Departure(reading=reading, elapsed=elapsed, jump=jump),
         )
         self.away = 1
         self.departures += 1
-        is_certain = abs(change) > self._speed * elapsed + self._noise_limit
+        is_certain = abs(jump) > self._speed * elapsed + self._noise_limit
         self.step = Step.CERTAIN if is_certain else Step.SUSPECTED
 
     def _follow_away(
@@ -387,7 +388,7 @@ class JointMonitor:
         change = remainder(reading - first.reading - left.velocity * since, TURN)
         noise = self._threshold * ROOT_TWO * self.readings.allowed
         human = 0.5 * self._acceleration * since * since
-        if change * first.step > 0.0 and abs(change) > noise + human:
+        if change * first.jump > 0.0 and abs(change) > noise + human:
             self.step = Step.NONE
         elif self.away == AWAY_SAMPLES and self.step:
             self.step = Step.CERTAIN

@@ -11,7 +11,7 @@ from math import remainder, tau
 import mujoco
 import numpy as np
 from paper.mujoco_model import MultiBody
-from spm_haptic_master.force.gravity import STANDARD
+from spm_haptic_master.force.gravity import STANDARD_GRAVITY
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -141,7 +141,7 @@ class Plant:
     def _torque_of_weight(self) -> Vector[float]:
         """Return the torque of the weight on the handle, N m."""
         offset = times(rotation_from_quaternion(*self.quaternion), self.weight)
-        return cross(offset, STANDARD)
+        return cross(offset, STANDARD_GRAVITY)
 
     def drift(self) -> float:
         """Return the largest residual of the constraints, m for links of 1 m."""

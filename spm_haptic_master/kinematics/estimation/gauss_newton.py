@@ -159,7 +159,8 @@ def fit(
     Estimate a sample by Gauss-Newton steps from a state with its `linkage`.
 
     All other arguments, and the errors, are those of `estimate_sample`. Covariance and parity are
-    those at the state before the last step, which is shorter than `last_step`.
+    those at the state before the last step, which is shorter than `last_step`: no motion changes a
+    parity to the first order.
     """
     for _ in range(MOST_STEPS):
         legs, rows = linearise(state, view, readings, sensors, g, FLOATS)
