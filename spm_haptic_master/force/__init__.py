@@ -19,9 +19,9 @@ from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.gravity import Gravity, identify_gravity
 from spm_haptic_master.force.rendering import render, Rendered
 from spm_haptic_master.force.samples import (
-    Condition,
-    Drives,
+    DrivesState,
     FORCE_STATES,
+    ForceCondition,
     ForceOutput,
     ForceSample,
     ForceState,
@@ -29,8 +29,8 @@ from spm_haptic_master.force.samples import (
 )
 
 __all__ = [
-    'Condition',
-    'Drives',
+    'ForceCondition',
+    'DrivesState',
     'FORCE_STATES',
     'ForceController',
     'ForceLimits',

@@ -19,13 +19,14 @@ from spm_haptic_master.force.obstacles import Obstacles
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.samples import (
     Command,
-    Condition,
     DRIVE_FADE,
-    Drives,
+    DrivesState,
     ENDS_ALL,
     ENGAGED,
     FADE,
+    ForceCondition,
     ForceOutput,
+    ForceReason,
     ForceSample,
     ForceState,
     HOLDING,
@@ -33,7 +34,6 @@ from spm_haptic_master.force.samples import (
     LONG_AGO,
     OFF,
     READY,
-    Reason,
 )
 from spm_haptic_master.force.statics import clipped, Torques
 from spm_haptic_master.force.support import Support
@@ -136,9 +136,9 @@ class ForceController:
 
     def acknowledge(self) -> bool:
         """End a latched fault; return whether there was one. Weight and end stop stay."""
-        if self._state.condition is not Condition.FAULT:
+        if self._state.condition is not ForceCondition.FAULT:
             return False
-        if self._state.why is Reason.ENERGY:
+        if self._state.why is ForceReason.ENERGY:
             self._energy.restart()
         self._enter(READY if self._support.has_torque else OFF)
         self.output = replace(self.output, state=self._state)
@@ -273,7 +273,7 @@ class ForceController:
     def _change_state(
         self,
         sample: ForceSample,
-        obstacle: Reason | None,
+        obstacle: ForceReason | None,
         dt: float,
     ) -> None:
         """Change the state if the sample and its obstacle require it."""
@@ -285,7 +285,7 @@ class ForceController:
             # Torque fades, or a fault is latched.
             self._worsen(obstacle)
         elif obstacle is not None:
-            self._enter(ForceState(Condition.FADING, obstacle))
+            self._enter(ForceState(ForceCondition.FADING, obstacle))
         elif self._state is ENGAGED:
             self._leave_engaged(sample)
         elif self._may_begin(sample):
@@ -302,13 +302,13 @@ class ForceController:
         if self._wanted_for >= READY_DELAY:
             self._enter(READY)
 
-    def _leave_ready(self, sample: ForceSample, obstacle: Reason | None) -> None:
+    def _leave_ready(self, sample: ForceSample, obstacle: ForceReason | None) -> None:
         """Begin with force, fade weight and end stop, or switch off."""
         may_begin = self._may_begin(sample)
         if obstacle in ENDS_ALL and self._support.has_torque:
-            self._enter(ForceState(Condition.FADING, obstacle))
+            self._enter(ForceState(ForceCondition.FADING, obstacle))
         elif not sample.enabled and self._support.has_torque:
-            self._enter(ForceState(Condition.FADING, Reason.DISABLED))
+            self._enter(ForceState(ForceCondition.FADING, ForceReason.DISABLED))
         elif not _is_wanted(sample):
             self._enter(OFF)
         elif obstacle is None and may_begin:
@@ -316,13 +316,13 @@ class ForceController:
         elif obstacle is None and sample.lock is not None:
             self._enter(HOLDING)
 
-    def _worsen(self, obstacle: Reason | None) -> None:
+    def _worsen(self, obstacle: ForceReason | None) -> None:
         """Let a worse reason replace that of a fade, or of a fault with weight and end stop."""
-        is_fault = self._state.condition is Condition.FAULT
+        is_fault = self._state.condition is ForceCondition.FAULT
         if is_fault and not self._support.has_torque:
             return
         if obstacle is not None and _severity(obstacle) > _severity(self._state.why):
-            self._enter(ForceState(Condition.FADING, obstacle))
+            self._enter(ForceState(ForceCondition.FADING, obstacle))
 
     def _leave_engaged(self, sample: ForceSample) -> None:
         """Hold while the clutch is pressed, or a lock holds without wrenches."""
@@ -403,7 +403,7 @@ class ForceController:
         """Fade for a period, s; enter the state after the fade once nothing is left."""
         why = self._state.why
         # After a gap no torque is left to fade.
-        step = dt / (DRIVE_FADE if why is Reason.DRIVE else FADE) if dt else 1.0
+        step = dt / (DRIVE_FADE if why is ForceReason.DRIVE else FADE) if dt else 1.0
         self._fade_left = max(0.0, self._fade_left - step)
         self._handle.fade(self._fade_left)
         if self._fade_left > 0.0:
@@ -411,7 +411,7 @@ class ForceController:
         # A fade with which weight and end stop end as well lasts until their ramps are down.
         is_over = why in ENDS_ALL or self._state.has_support or not self._support.has_torque
         if is_over:
-            self._enter(ForceState(Condition.FAULT, why) if why in LATCHED else READY)
+            self._enter(ForceState(ForceCondition.FAULT, why) if why in LATCHED else READY)
 
     def _faded(self) -> Torques:
         """Return what is left of the motor torques: without damping, as angles may be wrong."""
@@ -431,9 +431,9 @@ class ForceController:
 
 def _is_wanted(sample: ForceSample) -> bool:
     """Return whether force is wanted, and the drives are in operation."""
-    return sample.enabled and sample.drives is Drives.OPERATING
+    return sample.enabled and sample.drives is DrivesState.OPERATING
 
 
-def _severity(why: Reason | None) -> int:
+def _severity(why: ForceReason | None) -> int:
     """Rank a reason: one that ends all torque above one of the wrench alone, then a fault."""
     return 2 * (why in ENDS_ALL) + (why in LATCHED)

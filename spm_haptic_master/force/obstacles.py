@@ -9,10 +9,10 @@ from math import hypot, inf
 
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.samples import (
-    Drives,
+    DrivesState,
+    ForceReason,
     ForceSample,
     LONG_AGO,
-    Reason,
     SMALL_MESSAGES,
     Wrench,
 )
@@ -42,7 +42,7 @@ class Obstacles:
         is_placed: bool,
         angle_missing: bool,
         energy_generated: bool,
-    ) -> Reason | None:
+    ) -> ForceReason | None:
         """
         Return the first obstacle, those that end all torque before the others; None without any.
 
@@ -61,53 +61,53 @@ class Obstacles:
         return (
             self._of_motors(sample, angle_missing)
             or self._of_orientation(sample, is_placed)
-            or (Reason.DRIVES_OFF if sample.drives is Drives.OFF else None)
+            or (ForceReason.DRIVES_OFF if sample.drives is DrivesState.OFF else None)
             or self._of_wrench(sample)
-            or (Reason.ENERGY if energy_generated else None)
+            or (ForceReason.ENERGY if energy_generated else None)
             or self._of_operator(sample)
             or self._of_age(sample)
         )
 
-    def _of_motors(self, sample: ForceSample, angle_missing: bool) -> Reason | None:
+    def _of_motors(self, sample: ForceSample, angle_missing: bool) -> ForceReason | None:
         """Return what is wrong with drives or encoders of the motors."""
-        if sample.drives is Drives.FAULT:
-            return Reason.DRIVE
-        return Reason.ANGLE if angle_missing else None
+        if sample.drives is DrivesState.FAULT:
+            return ForceReason.DRIVE
+        return ForceReason.ANGLE if angle_missing else None
 
-    def _of_orientation(self, sample: ForceSample, is_placed: bool) -> Reason | None:
+    def _of_orientation(self, sample: ForceSample, is_placed: bool) -> ForceReason | None:
         """Return why the orientation is not one to rely on; a comparison with NaN is false."""
         limits = self._limits
         if not is_placed:
-            return Reason.NO_ORIENTATION
+            return ForceReason.NO_ORIENTATION
         if not sample.protection_level <= limits.protection_level:
-            return Reason.UNPROTECTED
+            return ForceReason.UNPROTECTED
         if not sample.noise <= limits.noise:
-            return Reason.NOISY
+            return ForceReason.NOISY
         if sample.velocity is not None and not hypot(*sample.velocity) <= limits.speed:
-            return Reason.SPEED
+            return ForceReason.SPEED
         return None
 
-    def _of_wrench(self, sample: ForceSample) -> Reason | None:
+    def _of_wrench(self, sample: ForceSample) -> ForceReason | None:
         """Return what is wrong with what is commanded."""
         if sample.wrench is not None and not hypot(*sample.wrench.torque) < inf:
-            return Reason.NOT_FINITE
+            return ForceReason.NOT_FINITE
         if sample.lock is not None and not hypot(*sample.lock) < inf:
-            return Reason.NOT_FINITE
-        return Reason.SOURCES if sample.sources > 1 else None
+            return ForceReason.NOT_FINITE
+        return ForceReason.SOURCES if sample.sources > 1 else None
 
-    def _of_operator(self, sample: ForceSample) -> Reason | None:
+    def _of_operator(self, sample: ForceSample) -> ForceReason | None:
         """Return why no force is wanted."""
         if not sample.enabled:
-            return Reason.DISABLED
+            return ForceReason.DISABLED
         if not sample.engaged:
-            return Reason.DISENGAGED
-        return None if sample.present else Reason.ABSENT
+            return ForceReason.DISENGAGED
+        return None if sample.present else ForceReason.ABSENT
 
-    def _of_age(self, sample: ForceSample) -> Reason | None:
+    def _of_age(self, sample: ForceSample) -> ForceReason | None:
         """Return STALE if the wrench is missing or too old; with clutch or lock none is needed."""
         if sample.clutched or sample.lock is not None:
             return None
-        return Reason.STALE if self.is_old(sample.wrench, sample.stamp) else None
+        return ForceReason.STALE if self.is_old(sample.wrench, sample.stamp) else None
 
     def may_begin(self, wrench: Wrench | None, stamp: int) -> bool:
         """Count a wrench that is new; return whether `SMALL_MESSAGES` in a row have been small."""

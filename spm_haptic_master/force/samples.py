@@ -17,7 +17,7 @@ from spm_haptic_master.force.statics import Torques
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 
 
-class Condition(Enum):
+class ForceCondition(Enum):
     """Whether the motors have torque."""
 
     OFF = 'off'
@@ -28,7 +28,7 @@ class Condition(Enum):
     FAULT = 'fault'
 
 
-class Reason(Enum):
+class ForceReason(Enum):
     """Why torque fades out: every word of `force_state` behind a colon."""
 
     DISABLED = 'disabled'
@@ -50,32 +50,32 @@ class Reason(Enum):
 # Reasons that latch a fault until it is acknowledged; after the others force may begin again.
 LATCHED = frozenset(
     (
-        Reason.DRIVE,
-        Reason.ANGLE,
-        Reason.NO_ORIENTATION,
-        Reason.UNPROTECTED,
-        Reason.NOISY,
-        Reason.SPEED,
-        Reason.NOT_FINITE,
-        Reason.SOURCES,
-        Reason.ENERGY,
+        ForceReason.DRIVE,
+        ForceReason.ANGLE,
+        ForceReason.NO_ORIENTATION,
+        ForceReason.UNPROTECTED,
+        ForceReason.NOISY,
+        ForceReason.SPEED,
+        ForceReason.NOT_FINITE,
+        ForceReason.SOURCES,
+        ForceReason.ENERGY,
     )
 )
 # Reasons for which orientation or motors cannot be relied on: all torque fades with them.
 ENDS_ALL = frozenset(
     (
-        Reason.DRIVE,
-        Reason.DRIVES_OFF,
-        Reason.ANGLE,
-        Reason.NO_ORIENTATION,
-        Reason.UNPROTECTED,
-        Reason.NOISY,
-        Reason.SPEED,
+        ForceReason.DRIVE,
+        ForceReason.DRIVES_OFF,
+        ForceReason.ANGLE,
+        ForceReason.NO_ORIENTATION,
+        ForceReason.UNPROTECTED,
+        ForceReason.NOISY,
+        ForceReason.SPEED,
     )
 )
 # Reasons for which weight and end stop end as well, by the slope of their ramp. With the others
 # they stay, because orientation and motors are in order.
-ENDS_SUPPORT = frozenset((Reason.DISABLED, Reason.ENERGY))
+ENDS_SUPPORT = frozenset((ForceReason.DISABLED, ForceReason.ENERGY))
 # Consecutive messages with a small torque after which force may begin.
 SMALL_MESSAGES = 3
 # Time in which torque fades out (s); after the fault of a drive it is short, because the torque of
@@ -89,8 +89,8 @@ DRIVE_FADE = 0.003
 class ForceState:
     """State of the force feedback, and why."""
 
-    condition: Condition
-    why: Reason | None = None  # why torque fades out, or has
+    condition: ForceCondition
+    why: ForceReason | None = None  # why torque fades out, or has
 
     @property
     def text(self) -> str:
@@ -101,20 +101,20 @@ class ForceState:
     @property
     def is_fading(self) -> bool:
         """Whether torque fades out: it does so for a reason."""
-        return self.why is not None and self.condition is Condition.FADING
+        return self.why is not None and self.condition is ForceCondition.FADING
 
     @property
     def has_support(self) -> bool:
         """Whether weight compensation and end stop have torque."""
         if self.why is None:
-            return self.condition is not Condition.OFF
+            return self.condition is not ForceCondition.OFF
         return self.why not in ENDS_ALL and self.why not in ENDS_SUPPORT
 
 
-OFF = ForceState(Condition.OFF)
-READY = ForceState(Condition.READY)
-ENGAGED = ForceState(Condition.ENGAGED)
-HOLDING = ForceState(Condition.HOLDING)
+OFF = ForceState(ForceCondition.OFF)
+READY = ForceState(ForceCondition.READY)
+ENGAGED = ForceState(ForceCondition.ENGAGED)
+HOLDING = ForceState(ForceCondition.HOLDING)
 # Every state, by its words on the topic `force_state`.
 FORCE_STATES = {
     state.text: state
@@ -125,14 +125,14 @@ FORCE_STATES = {
         HOLDING,
         *(
             ForceState(condition, why)
-            for condition in (Condition.FADING, Condition.FAULT)
-            for why in Reason
+            for condition in (ForceCondition.FADING, ForceCondition.FAULT)
+            for why in ForceReason
         ),
     )
 }
 
 
-class Drives(Enum):
+class DrivesState(Enum):
     """State of all drives together."""
 
     OFF = 'off'
@@ -163,7 +163,7 @@ class ForceSample:
     noise: float = 1.0  # largest noise of an encoder over its figure (unit 1)
     wrench: Wrench | None = None  # the latest one; None before the first
     sources: int = 1  # number of publishers of wrenches
-    drives: Drives = Drives.OPERATING
+    drives: DrivesState = DrivesState.OPERATING
     enabled: bool = True  # force is wanted
     engaged: bool = True  # teleoperation is engaged
     present: bool = True  # a hand is on the handle
@@ -182,7 +182,7 @@ class ForceOutput:
     # frame: without gravity, end stop and damping.
     asked: Vector[float]
     rendered: Vector[float] | None  # what the handle gets of all, N m; None without an orientation
-    obstacle: Reason | None  # what prevents or ends force
+    obstacle: ForceReason | None  # what prevents or ends force
     energy: float  # that the motors may still give, J
     share: float  # of the arriving wrench that the energy leaves, 0 to 1
 

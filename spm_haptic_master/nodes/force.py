@@ -14,18 +14,17 @@ from typing import NamedTuple
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from spm_haptic_master.drives.drives import DriveReport
-from spm_haptic_master.drives.drives import Drives as MotorDrives
+from spm_haptic_master.drives.drives import DriveReport, Drives
 from spm_haptic_master.force import (
-    Condition,
-    Drives,
+    DrivesState,
+    ForceCondition,
     ForceController,
     ForceOutput,
     ForceSample,
     ForceState,
 )
 from spm_haptic_master.force.joint_motion import VELOCITY_WINDOW
-from spm_haptic_master.force.samples import ENGAGED, HOLDING, Reason
+from spm_haptic_master.force.samples import ENGAGED, ForceReason, HOLDING
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import AngularVelocity, rotation_from_quaternion
 from spm_haptic_master.kinematics.vectors import transposed_times
@@ -99,7 +98,7 @@ class Force:
         node: Node,
         values: Values,
         controller: ForceController,
-        drives: MotorDrives | None,
+        drives: Drives | None,
         supervisor: Supervisor,
         surroundings: Surroundings,
     ) -> None:
@@ -230,24 +229,24 @@ class Force:
             weightless=inputs.modes.is_weight_compensated.value,
         )
 
-    def _drive_state(self) -> Drives:
+    def _drive_state(self) -> DrivesState:
         """Return the state of all drives, by their latest report."""
         report = self._report
         if report is None:
             if self._drives is None:
-                return Drives.OPERATING
-            return Drives.OFF
+                return DrivesState.OPERATING
+            return DrivesState.OFF
         if report.fault is not None:
-            return Drives.FAULT
+            return DrivesState.FAULT
         if report.ready:
-            return Drives.OPERATING
-        return Drives.OFF
+            return DrivesState.OPERATING
+        return DrivesState.OFF
 
     def _command(self, output: ForceOutput) -> None:
         """Pass the torques to the drives: none after a fault that ends all."""
         if self._drives is None:
             return
-        is_dead = output.state.condition is Condition.FAULT and not output.state.has_support
+        is_dead = output.state.condition is ForceCondition.FAULT and not output.state.has_support
         torques = None if is_dead else output.motor_torque
         self._report = self._drives.step(torques, time.monotonic())
 
@@ -264,7 +263,7 @@ class Force:
         """
         self._changes.append(state)
         modes = self._inputs.modes
-        if state.condition is Condition.OFF:
+        if state.condition is ForceCondition.OFF:
             modes.end()
         elif state.why is not None or (before is HOLDING and state is ENGAGED):
             modes.lock.end()
@@ -366,10 +365,10 @@ class Force:
     def _announce(self, state: ForceState, report: DriveReport | None) -> None:
         """Publish a state, and CRTK's `warning` of a fault."""
         self._state_out.publish(String(data=state.text))
-        if state.condition is not Condition.FAULT:
+        if state.condition is not ForceCondition.FAULT:
             return
         fault = drive_fault(report)
-        if state.why is Reason.DRIVE and fault:
+        if state.why is ForceReason.DRIVE and fault:
             detail = f'; {fault}'
         else:
             detail = ''

@@ -9,16 +9,16 @@ from math import hypot
 
 from rclpy.node import Node
 from spm_haptic_master.drives.drives import DriveReport
-from spm_haptic_master.force import Condition, ForceController, ForceOutput
-from spm_haptic_master.force.samples import Reason
+from spm_haptic_master.force import ForceCondition, ForceController, ForceOutput
+from spm_haptic_master.force.samples import ForceReason
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.force_inputs import ForceInputs
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, WARN
 
 # Levels of the states; the others are OK.
 LEVELS = {
-    Condition.FADING: WARN,
-    Condition.FAULT: ERROR,
+    ForceCondition.FADING: WARN,
+    ForceCondition.FAULT: ERROR,
 }
 
 
@@ -81,7 +81,7 @@ class ForceStatus:
         if not self._status.is_due(level, summary):
             return
         logged = output.state.text
-        if output.state.why is Reason.DRIVE and fault:
+        if output.state.why is ForceReason.DRIVE and fault:
             logged = f'{logged}; {fault}'
         figures = self._figures(output, quaternion)
         figures |= _figures_of_drives(report)
@@ -142,11 +142,11 @@ def _summary(output: ForceOutput) -> str:
     """
     text = output.state.text
     condition = output.state.condition
-    if condition not in (Condition.OFF, Condition.READY):
+    if condition not in (ForceCondition.OFF, ForceCondition.READY):
         return text
     if output.obstacle is not None:
         return f'{text}; {output.obstacle.value}'
-    if condition is Condition.READY:
+    if condition is ForceCondition.READY:
         return f'{text}; waits for wrenches below force.small_torque'
     return text
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from geometry_msgs.msg import QuaternionStamped, WrenchStamped
 from sensor_msgs.msg import JointState, Joy
-from spm_haptic_master.force import Condition as ForceCondition
+from spm_haptic_master.force import ForceCondition
 from spm_haptic_master.nodes.joint_reader import JointReader
 from spm_haptic_master.nodes.slave_inputs import POSE_TOPIC, SlaveInputs, TROCAR_TOPIC
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque

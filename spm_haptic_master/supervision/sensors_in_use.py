@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import isnan, nan
 
+from spm_haptic_master.kinematics.checks import LARGEST_ANGLE
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FOUR_SENSORS, Limits, THREE_SENSORS
 from spm_haptic_master.supervision.sample import Angles, Place, Sample
@@ -25,8 +26,6 @@ from spm_haptic_master.supervision.trial import Trial
 
 # Consecutive samples without a reading that are a missing sensor; fewer are lost frames.
 MISSING_SAMPLES = 3
-# Largest size of a reading (rad): beyond it an angle has no meaning, and its square may overflow.
-LARGEST_ANGLE = 1e6
 # Indices of the mounted sensors that a set leaves out, in ascending order.
 LeftOut = tuple[int, ...]
 
@@ -366,7 +365,11 @@ def _is_checked(trial_set: SensorSet, sensor: int, sample: Sample, alert_limit: 
 
 
 def plausible(angles: Angles) -> Angles:
-    """Return readings, rad, with NaN for each that no joint has; the same tuple if none is."""
+    """
+    Return readings, rad, with NaN for each beyond `LARGEST_ANGLE`, which no joint has.
+
+    The same tuple if there is none.
+    """
     for angle in angles:
         # NaN, a sensor without a reading, is not larger.
         if abs(angle) > LARGEST_ANGLE:

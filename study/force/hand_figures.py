@@ -11,7 +11,7 @@ from math import pi, radians, sin
 import numpy as np
 from paper.figure_entry import table
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity, Wrench
+from spm_haptic_master.force import ForceCondition, ForceController, ForceLimits, Gravity, Wrench
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.number_backends import Vector
 from study.force.limit_row import Row
@@ -130,7 +130,7 @@ def stuttering(pause: str, seconds: float = 60.0) -> tuple[float, str]:
             wrench = Wrench(loop.stamp, (x, y, z))
         loop.command(wrench, clutched=is_paused and pause == 'clutch')
         loop.move(STILL)
-        if loop.output.state.condition is Condition.FAULT:
+        if loop.output.state.condition is ForceCondition.FAULT:
             break
     found = loop.trace(ENGAGED)
     return found.generated, found.states[-1]

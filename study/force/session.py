@@ -16,7 +16,7 @@ from math import degrees, radians
 from typing import NamedTuple
 
 import numpy as np
-from spm_haptic_master.force import Drives, ForceController, ForceOutput, ForceSample, Wrench
+from spm_haptic_master.force import DrivesState, ForceController, ForceOutput, ForceSample, Wrench
 from spm_haptic_master.kinematics import jacobian, matrix_from_quaternion
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
@@ -216,7 +216,7 @@ class Computer:
             )
 
     def act(
-        self, wrench: Wrench | None, *, drives: Drives = Drives.OPERATING, clutched: bool
+        self, wrench: Wrench | None, *, drives: DrivesState = DrivesState.OPERATING, clutched: bool
     ) -> ForceOutput:
         """Return the force output of that sample."""
         return self.force.take(
@@ -316,7 +316,7 @@ class Play:
             self._computer.force.acknowledge()
         self._output = self._computer.act(
             self._wrench,
-            drives=Drives.FAULT if within(time, DRIVE) else Drives.OPERATING,
+            drives=DrivesState.FAULT if within(time, DRIVE) else DrivesState.OPERATING,
             clutched=within(time, CLUTCH),
         )
 

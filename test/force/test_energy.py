@@ -9,7 +9,7 @@ import math
 from bench import ANGLES, at, Bench, MS, POSE, STILL, turned
 import numpy as np
 import pytest
-from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
+from spm_haptic_master.force import ForceCondition, ForceController, ForceLimits, Gravity
 from spm_haptic_master.force.energy import ADVANCE, EnergyBudget
 from spm_haptic_master.force.joint_motion import JointMotion
 from spm_haptic_master.kinematics import workspace_pose
@@ -159,7 +159,7 @@ def test_energy_that_is_generated_ends_in_a_latched_fault():
     bench = Bench()
     bench.engage()
     for output, _ in islice(yielding(bench), 5000):
-        if output.state.condition is Condition.FAULT:
+        if output.state.condition is ForceCondition.FAULT:
             break
     assert output.state.text == 'fault: energy generated'
     assert bench.now > 1000 * MS

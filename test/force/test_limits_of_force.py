@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import (
-    Condition,
-    Drives,
+    DrivesState,
+    ForceCondition,
     ForceLimits,
     Gravity,
     identify_gravity,
@@ -19,7 +19,7 @@ from spm_haptic_master.force import (
 )
 from spm_haptic_master.force.energy import EnergyBudget
 from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.samples import Reason
+from spm_haptic_master.force.samples import ForceReason
 from spm_haptic_master.kinematics import workspace_pose
 
 ZERO = (0.0, 0.0, 0.0)
@@ -32,15 +32,15 @@ DT = 1e-3
     ('changed', 'obstacle'),
     [
         ({'protection_level': radians(1.0)}, None),
-        ({'protection_level': radians(1.01)}, Reason.UNPROTECTED),
+        ({'protection_level': radians(1.01)}, ForceReason.UNPROTECTED),
         ({'noise': 5.0}, None),
-        ({'noise': 5.01}, Reason.NOISY),
+        ({'noise': 5.01}, ForceReason.NOISY),
         ({'velocity': (0.0, 4.8, 3.5)}, None),
         ({'velocity': (0.0, 0.0, 6.0)}, None),
-        ({'velocity': (0.0, 4.8, 3.7)}, Reason.SPEED),
+        ({'velocity': (0.0, 4.8, 3.7)}, ForceReason.SPEED),
         ({'sources': 0}, None),
         ({'sources': 1}, None),
-        ({'sources': 2}, Reason.SOURCES),
+        ({'sources': 2}, ForceReason.SOURCES),
     ],
 )
 def test_a_sample_within_the_limits_goes_on(changed, obstacle):
@@ -53,9 +53,9 @@ def test_a_sample_within_the_limits_goes_on(changed, obstacle):
     ('age', 'obstacle'),
     [
         (-30 * MS, None),
-        (-30 * MS - 1, Reason.STALE),
+        (-30 * MS - 1, ForceReason.STALE),
         (30 * MS, None),
-        (30 * MS + 1, Reason.STALE),
+        (30 * MS + 1, ForceReason.STALE),
     ],
 )
 def test_a_wrench_may_be_30_ms_from_its_sample(age, obstacle):
@@ -71,7 +71,7 @@ def test_force_begins_with_a_torque_below_50_millinewtonmetres(torque, begins):
     bench = Bench()
     bench.torque = (0.0, torque, 0.0)
     bench.run(200)
-    assert (bench.outputs[-1].state.condition is Condition.ENGAGED) is begins
+    assert (bench.outputs[-1].state.condition is ForceCondition.ENGAGED) is begins
 
 
 def test_the_torque_of_a_wrench_falls_by_its_age_from_a_third_on():
@@ -120,8 +120,8 @@ def test_force_is_ready_after_a_tenth_of_a_second_from_the_start_and_after_a_fau
     [
         ({'present': False}, 15),
         ({'quaternion': None}, 15),
-        ({'drives': Drives.OFF}, 15),
-        ({'drives': Drives.FAULT}, 3),
+        ({'drives': DrivesState.OFF}, 15),
+        ({'drives': DrivesState.FAULT}, 3),
     ],
 )
 def test_torque_fades_evenly_in_15_ms_and_after_the_fault_of_a_drive_in_3(changed, samples):
@@ -135,7 +135,7 @@ def test_torque_fades_evenly_in_15_ms_and_after_the_fault_of_a_drive_in_3(change
 def test_after_a_fade_three_small_wrenches_are_needed_again():
     bench = Bench()
     bench.engage(STILL)
-    while bench.step(present=False).state.condition is Condition.FADING:
+    while bench.step(present=False).state.condition is ForceCondition.FADING:
         pass
     states = [bench.step().state.text for _ in range(4)]
     assert states == ['ready', 'ready', 'engaged', 'engaged']
@@ -173,7 +173,7 @@ def test_a_weight_that_is_switched_off_in_ready_fades_under_that_name():
     assert bench.run(520, enabled=False).state.text == 'off'
 
 
-@pytest.mark.parametrize('changed', [{'quaternion': None}, {'drives': Drives.OFF}])
+@pytest.mark.parametrize('changed', [{'quaternion': None}, {'drives': DrivesState.OFF}])
 def test_a_weight_that_was_lost_comes_up_by_the_ramp_again(changed):
     bench = Bench(gravity=WEIGHT)
     weight = np.linalg.norm(bench.engage(STILL).rendered)
@@ -207,13 +207,13 @@ def test_the_damping_is_5_millinewtonmetres_at_1_rad_per_second():
 @pytest.mark.parametrize(
     ('first', 'second', 'named'),
     [
-        ({'present': False}, {'sources': 2}, Reason.SOURCES),
-        ({'sources': 2}, {'present': False}, Reason.SOURCES),
-        ({'sources': 2}, {'drives': Drives.OFF}, Reason.DRIVES_OFF),
-        ({'drives': Drives.OFF}, {'sources': 2}, Reason.DRIVES_OFF),
-        ({'drives': Drives.OFF}, {'drives': Drives.FAULT}, Reason.DRIVE),
-        ({'drives': Drives.FAULT}, {'drives': Drives.OFF}, Reason.DRIVE),
-        ({'present': False}, {'enabled': False}, Reason.ABSENT),
+        ({'present': False}, {'sources': 2}, ForceReason.SOURCES),
+        ({'sources': 2}, {'present': False}, ForceReason.SOURCES),
+        ({'sources': 2}, {'drives': DrivesState.OFF}, ForceReason.DRIVES_OFF),
+        ({'drives': DrivesState.OFF}, {'sources': 2}, ForceReason.DRIVES_OFF),
+        ({'drives': DrivesState.OFF}, {'drives': DrivesState.FAULT}, ForceReason.DRIVE),
+        ({'drives': DrivesState.FAULT}, {'drives': DrivesState.OFF}, ForceReason.DRIVE),
+        ({'present': False}, {'enabled': False}, ForceReason.ABSENT),
     ],
 )
 def test_only_a_worse_reason_takes_the_name_of_a_fade(first, second, named):
@@ -231,7 +231,7 @@ def test_an_acknowledged_fault_renews_the_energy_only_where_energy_was_its_reaso
     assert bench.controller.acknowledge()
     assert bench.run(5).energy < -20e-3
     bench.run(1200)
-    assert bench.outputs[-1].state.text == f'fault: {Reason.ENERGY.value}'
+    assert bench.outputs[-1].state.text == f'fault: {ForceReason.ENERGY.value}'
     assert bench.controller.acknowledge()
     assert bench.step().energy == pytest.approx(2e-3)
     assert bench.outputs[-1].share == 1.0

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import (
-    Condition,
-    Drives,
+    DrivesState,
     FORCE_STATES,
+    ForceCondition,
     ForceController,
     ForceLimits,
     ForceState,
     Gravity,
     Wrench,
 )
-from spm_haptic_master.force.samples import ENDS_ALL, LATCHED, Reason
+from spm_haptic_master.force.samples import ENDS_ALL, ForceReason, LATCHED
 from spm_haptic_master.kinematics import workspace_pose
 
 NAN = math.nan
@@ -30,29 +30,29 @@ ZERO = (0.0, 0.0, 0.0)
 # A locked orientation 0.1 rad away, and the torque towards it.
 LOCK = turned(0.1)
 PULL = (0.0, 0.1, 0.0)
-POWERED = (Condition.ENGAGED, Condition.HOLDING, Condition.FADING)
+POWERED = (ForceCondition.ENGAGED, ForceCondition.HOLDING, ForceCondition.FADING)
 # What ends force, and for what reason.
 ENDS = [
-    ({'enabled': False}, Reason.DISABLED),
-    ({'engaged': False}, Reason.DISENGAGED),
-    ({'present': False}, Reason.ABSENT),
-    ({'drives': Drives.OFF}, Reason.DRIVES_OFF),
-    ({'drives': Drives.FAULT}, Reason.DRIVE),
-    ({'quaternion': None, 'velocity': None}, Reason.NO_ORIENTATION),
-    ({'protection_level': math.radians(1.1)}, Reason.UNPROTECTED),
-    ({'protection_level': NAN}, Reason.UNPROTECTED),
-    ({'noise': 5.1}, Reason.NOISY),
-    ({'noise': NAN}, Reason.NOISY),
-    ({'velocity': (8.0, 7.0, 0.0)}, Reason.SPEED),
-    ({'velocity': (NAN, 0.0, 0.0)}, Reason.SPEED),
-    ({'angles': (NAN, *ANGLES[1:])}, Reason.ANGLE),
-    ({'sources': 2}, Reason.SOURCES),
-    ({'wrench': Wrench(0, TORQUE)}, Reason.STALE),
-    ({'wrench': Wrench(10**12, TORQUE)}, Reason.STALE),
-    ({'wrench': None}, Reason.STALE),
-    ({'wrench': Wrench(0, (NAN, 0.0, 0.0))}, Reason.NOT_FINITE),
-    ({'lock': (NAN, 0.0, 0.0, 1.0)}, Reason.NOT_FINITE),
-    ({'lock': (0.0, -math.inf, 0.0, 1.0)}, Reason.NOT_FINITE),
+    ({'enabled': False}, ForceReason.DISABLED),
+    ({'engaged': False}, ForceReason.DISENGAGED),
+    ({'present': False}, ForceReason.ABSENT),
+    ({'drives': DrivesState.OFF}, ForceReason.DRIVES_OFF),
+    ({'drives': DrivesState.FAULT}, ForceReason.DRIVE),
+    ({'quaternion': None, 'velocity': None}, ForceReason.NO_ORIENTATION),
+    ({'protection_level': math.radians(1.1)}, ForceReason.UNPROTECTED),
+    ({'protection_level': NAN}, ForceReason.UNPROTECTED),
+    ({'noise': 5.1}, ForceReason.NOISY),
+    ({'noise': NAN}, ForceReason.NOISY),
+    ({'velocity': (8.0, 7.0, 0.0)}, ForceReason.SPEED),
+    ({'velocity': (NAN, 0.0, 0.0)}, ForceReason.SPEED),
+    ({'angles': (NAN, *ANGLES[1:])}, ForceReason.ANGLE),
+    ({'sources': 2}, ForceReason.SOURCES),
+    ({'wrench': Wrench(0, TORQUE)}, ForceReason.STALE),
+    ({'wrench': Wrench(10**12, TORQUE)}, ForceReason.STALE),
+    ({'wrench': None}, ForceReason.STALE),
+    ({'wrench': Wrench(0, (NAN, 0.0, 0.0))}, ForceReason.NOT_FINITE),
+    ({'lock': (NAN, 0.0, 0.0, 1.0)}, ForceReason.NOT_FINITE),
+    ({'lock': (0.0, -math.inf, 0.0, 1.0)}, ForceReason.NOT_FINITE),
 ]
 
 
@@ -89,7 +89,7 @@ def test_the_way_to_force_and_back():
         'engaged',
         'holding',
         'engaged',
-        f'fading: {Reason.ABSENT.value}',
+        f'fading: {ForceReason.ABSENT.value}',
         'ready',
     ]
 
@@ -97,7 +97,7 @@ def test_the_way_to_force_and_back():
 def test_ready_needs_a_tenth_of_a_second_without_a_break():
     bench = Bench()
     bench.run(90)
-    bench.step(drives=Drives.OFF)
+    bench.step(drives=DrivesState.OFF)
     assert bench.run(95).state.text == 'off'
     assert bench.run(10).state.text != 'off'
 
@@ -135,16 +135,16 @@ def test_engaging_with_a_torque_already_commanded():
     bench = Bench()
     bench.torque = (0.18, 0.0, 0.24)
     bench.run(1000)
-    assert bench.outputs[-1].state.condition is Condition.READY
+    assert bench.outputs[-1].state.condition is ForceCondition.READY
     assert all(output.motor_torque == ZERO for output in bench.outputs)
     bench.torque = (0.0, 0.0, 0.04)
     bench.run(2)
     bench.torque = (0.18, 0.0, 0.24)
     bench.run(100)
-    assert bench.outputs[-1].state.condition is Condition.READY
+    assert bench.outputs[-1].state.condition is ForceCondition.READY
     bench.torque = (0.0, 0.0, 0.04)
-    assert bench.run(2).state.condition is Condition.READY
-    assert bench.run(1).state.condition is Condition.ENGAGED
+    assert bench.run(2).state.condition is ForceCondition.READY
+    assert bench.run(1).state.condition is ForceCondition.ENGAGED
     bench.torque = (0.18, 0.0, 0.24)
     assert bench.run(800).rendered == pytest.approx((0.18, 0.0, 0.24))
     assert steps(bench, len(bench.outputs)).max() <= 0.01 + 1e-9
@@ -153,7 +153,7 @@ def test_engaging_with_a_torque_already_commanded():
 def test_the_wrench_comes_up_in_half_a_second():
     bench = Bench()
     bench.torque = STILL
-    while bench.step().state.condition is not Condition.ENGAGED:
+    while bench.step().state.condition is not ForceCondition.ENGAGED:
         pass
     bench.torque = (0.0, 0.0, 0.3)
     asked = [bench.run(100).asked[2] for _ in range(6)]
@@ -168,13 +168,13 @@ def test_a_message_that_repeats_is_not_three_small_ones():
     for _ in range(200):
         bench.wrench = replace(first, received=first.received)
         bench.step()
-    assert Condition.ENGAGED not in {output.state.condition for output in bench.outputs}
+    assert ForceCondition.ENGAGED not in {output.state.condition for output in bench.outputs}
 
 
 def end_force(bench, changed, reason):
     """Have what ends force come while a torque is made; return the outputs before and at it."""
     before = bench.engage()
-    if reason is Reason.STALE:
+    if reason is ForceReason.STALE:
         bench.torque = None
     return before, bench.step(**changed)
 
@@ -200,7 +200,7 @@ def test_what_ends_force_lets_each_motor_go_down_steadily(changed, reason, motor
         previous = output
         output = bench.step(**changed)
     assert not any(output.motor_torque)
-    if reason is Reason.DRIVE:
+    if reason is ForceReason.DRIVE:
         assert not any(bench.outputs[-12].motor_torque)
 
 
@@ -220,19 +220,19 @@ def test_after_what_ended_force_it_begins_again_where_it_may(changed, reason, mo
         assert not bench.controller.acknowledge()
         assert bench.step().state.text == 'off'
     bench.engage()
-    assert bench.outputs[-1].state.condition is Condition.ENGAGED
+    assert bench.outputs[-1].state.condition is ForceCondition.ENGAGED
 
 
 @pytest.mark.parametrize(('changed', 'reason'), ENDS)
 def test_what_ends_force_does_not_let_it_begin(changed, reason):
     bench = Bench()
-    if reason is Reason.STALE:
+    if reason is ForceReason.STALE:
         bench.run(90)
         bench.torque = None
     bench.run(300, **changed)
     for output in bench.outputs:
         assert output.motor_torque == ZERO
-        assert output.state.condition in (Condition.OFF, Condition.READY)
+        assert output.state.condition in (ForceCondition.OFF, ForceCondition.READY)
 
 
 def test_an_encoder_that_jumps_turns_no_motor_up():
@@ -249,7 +249,7 @@ def test_an_encoder_that_jumps_turns_no_motor_up():
         output = bench.step(**jumped)
         assert_goes_down(output, before)
         before = output
-    assert output.state.why is Reason.NO_ORIENTATION
+    assert output.state.why is ForceReason.NO_ORIENTATION
 
 
 def test_torque_of_before_a_fade_does_not_come_back():
@@ -257,7 +257,7 @@ def test_torque_of_before_a_fade_does_not_come_back():
     bench.engage()
     bench.run(40, present=False)
     bench.torque = STILL
-    while bench.step().state.condition is not Condition.ENGAGED:
+    while bench.step().state.condition is not ForceCondition.ENGAGED:
         assert bench.outputs[-1].asked == ZERO
     assert bench.outputs[-1].asked == ZERO
     assert np.linalg.norm(bench.outputs[-1].rendered) < 1e-3
@@ -265,11 +265,11 @@ def test_torque_of_before_a_fade_does_not_come_back():
 
 WEIGHT = Gravity(handle=(0.0, 0.0, 0.004))
 WRENCH_ALONE = (
-    Reason.DISENGAGED,
-    Reason.ABSENT,
-    Reason.STALE,
-    Reason.NOT_FINITE,
-    Reason.SOURCES,
+    ForceReason.DISENGAGED,
+    ForceReason.ABSENT,
+    ForceReason.STALE,
+    ForceReason.NOT_FINITE,
+    ForceReason.SOURCES,
 )
 OF_THE_WRENCH = [end for end in ENDS if end[1] in WRENCH_ALONE]
 OF_ALL = [end for end in ENDS if end[1] in ENDS_ALL]
@@ -281,7 +281,7 @@ def test_what_says_nothing_about_orientation_or_motors_ends_the_wrench_alone(cha
     bench = Bench(gravity=WEIGHT)
     weight = bench.engage(STILL).rendered
     assert np.linalg.norm(weight) > 0.01
-    if reason is Reason.STALE:
+    if reason is ForceReason.STALE:
         bench.torque = None
     output = bench.run(700, **changed)
     expected = f'fault: {reason.value}' if reason in LATCHED else 'ready'
@@ -344,14 +344,14 @@ def test_a_fault_of_the_wrench_becomes_one_of_the_orientation():
     """A1: the weight that is borne in it ends then."""
     bench = Bench(gravity=WEIGHT)
     bench.engage(STILL)
-    assert bench.run(100, sources=2).state.why is Reason.SOURCES
+    assert bench.run(100, sources=2).state.why is ForceReason.SOURCES
     output = bench.run(
         20,
         sources=2,
         quaternion=None,
         velocity=None,
     )
-    assert output.state.text == f'fault: {Reason.NO_ORIENTATION.value}'
+    assert output.state.text == f'fault: {ForceReason.NO_ORIENTATION.value}'
     assert output.motor_torque == ZERO
 
 
@@ -361,12 +361,12 @@ def test_energy_that_is_generated_lets_the_weight_go_by_the_ramp():
     weight = size(bench.engage(STILL).rendered)
     bench.controller._energy.energy = -25e-3
     bench.run(1000)
-    while bench.step().state.condition is Condition.ENGAGED:
+    while bench.step().state.condition is ForceCondition.ENGAGED:
         pass
-    assert bench.outputs[-1].state.text == f'fading: {Reason.ENERGY.value}'
+    assert bench.outputs[-1].state.text == f'fading: {ForceReason.ENERGY.value}'
     half = size(bench.run(250).rendered)
     assert half == pytest.approx(0.5 * weight, rel=0.1)
-    assert bench.run(300).state.text == f'fault: {Reason.ENERGY.value}'
+    assert bench.run(300).state.text == f'fault: {ForceReason.ENERGY.value}'
     assert bench.outputs[-1].motor_torque == ZERO
 
 
@@ -402,7 +402,7 @@ def test_an_angle_that_lies_moves_no_motor_in_a_fade(drift):
             lying |= {'quaternion': None, 'velocity': None}
         output = bench.step(**lying)
         assert np.abs(output.motor_torque).max() <= 1e-9
-    assert output.state.why is Reason.NO_ORIENTATION
+    assert output.state.why is ForceReason.NO_ORIENTATION
 
 
 @pytest.mark.parametrize('torque', [(0.0, 0.0, 0.3), (0.0, 0.1, 0.0)])
@@ -426,7 +426,7 @@ def test_a_repeated_or_older_stamp_changes_nothing(elapsed):
         0,
         quaternion=None,
         velocity=None,
-        drives=Drives.FAULT,
+        drives=DrivesState.FAULT,
     )
     assert repeated == before
     bench.now -= elapsed * MS
@@ -449,9 +449,9 @@ def test_a_wrench_that_stops_is_let_go_within_50_ms():
     last = bench.now
     while any(bench.step().motor_torque):
         assert bench.now - last <= 50 * MS
-    assert texts(bench)[-2:] == [f'fading: {Reason.STALE.value}', 'ready']
+    assert texts(bench)[-2:] == [f'fading: {ForceReason.STALE.value}', 'ready']
     bench.torque = TORQUE
-    assert bench.run(200).state.condition is Condition.READY
+    assert bench.run(200).state.condition is ForceCondition.READY
 
 
 def test_a_worse_reason_during_the_fade_is_latched():
@@ -459,9 +459,9 @@ def test_a_worse_reason_during_the_fade_is_latched():
     bench.engage()
     bench.step(present=False)
     bench.step(quaternion=None)
-    assert bench.outputs[-1].state.why is Reason.NO_ORIENTATION
-    assert bench.run(25).state.text == f'fault: {Reason.NO_ORIENTATION.value}'
-    count = [output.state.condition for output in bench.outputs].count(Condition.FADING)
+    assert bench.outputs[-1].state.why is ForceReason.NO_ORIENTATION
+    assert bench.run(25).state.text == f'fault: {ForceReason.NO_ORIENTATION.value}'
+    count = [output.state.condition for output in bench.outputs].count(ForceCondition.FADING)
     assert count < 20
 
 
@@ -490,7 +490,7 @@ def test_a_gap_of_the_samples_begins_at_zero():
     bench = Bench()
     bench.engage((0.0, 0.0, 0.3))
     output = bench.step(milliseconds=11)
-    assert output.state.condition is Condition.ENGAGED
+    assert output.state.condition is ForceCondition.ENGAGED
     assert output.motor_torque == ZERO
     assert size(bench.step().rendered) <= 0.01 + 1e-9
 
@@ -501,7 +501,7 @@ def test_without_a_velocity_neither_wrench_nor_lock_is_rendered(lock):
     bench = Bench()
     bench.engage((0.18, 0.0, 0.24))
     output = bench.run(40, velocity=None, lock=lock)
-    assert output.state.condition is Condition.ENGAGED
+    assert output.state.condition is ForceCondition.ENGAGED
     assert output.asked == ZERO
     assert bench.run(40).asked == pytest.approx((0.18, 0.0, 0.24))
     asked = [each.asked for each in bench.outputs[-81:]]
@@ -526,7 +526,7 @@ def test_a_gap_of_the_samples_leaves_nothing_to_fade():
     bench = Bench()
     bench.engage()
     assert bench.step(milliseconds=11, quaternion=None).motor_torque == ZERO
-    assert bench.step(quaternion=None).state.text == f'fault: {Reason.NO_ORIENTATION.value}'
+    assert bench.step(quaternion=None).state.text == f'fault: {ForceReason.NO_ORIENTATION.value}'
 
 
 @pytest.mark.parametrize('quaternion', [(0.0, 0.0, 0.0, 1.0), (NAN, 0.0, 0.0, 1.0)])
@@ -534,7 +534,7 @@ def test_a_pose_that_a_leg_does_not_reach_ends_force(quaternion):
     bench = Bench()
     bench.engage()
     output = bench.step(quaternion=quaternion)
-    assert output.state.text == f'fading: {Reason.NO_ORIENTATION.value}'
+    assert output.state.text == f'fading: {ForceReason.NO_ORIENTATION.value}'
     assert output.rendered is None
     assert all(map(math.isfinite, output.motor_torque))
 
@@ -558,8 +558,8 @@ def random_event(rng, bench):
 
 def may_make_no_torque(state):
     """Return whether a state is off, or a fault that ends the weight as well."""
-    is_fault = state.condition is Condition.FAULT
-    return state.condition is Condition.OFF or (is_fault and state.why in ENDS_ALL)
+    is_fault = state.condition is ForceCondition.FAULT
+    return state.condition is ForceCondition.OFF or (is_fault and state.why in ENDS_ALL)
 
 
 def check_torque(output):
@@ -619,13 +619,13 @@ def test_there_are_three_motors_unless_another_number_is_given():
 
 
 def test_every_word_of_the_state_is_read_as_it_was_made():
-    whys = {Condition.FADING: Reason, Condition.FAULT: Reason}
+    whys = {ForceCondition.FADING: ForceReason, ForceCondition.FAULT: ForceReason}
     states = [
         ForceState(condition, why)
-        for condition in Condition
+        for condition in ForceCondition
         for why in whys.get(condition, [None])
     ]
-    assert len(states) == 4 + 2 * len(Reason)
+    assert len(states) == 4 + 2 * len(ForceReason)
     assert [FORCE_STATES.get(state.text) for state in states] == states
 
 
@@ -728,7 +728,7 @@ def test_a_clutch_that_is_released_holds_nothing_without_wrenches():
     bench.run(50, clutched=True)
     bench.torque = None
     assert bench.run(200, clutched=True).state.text == 'holding'
-    assert bench.step().state.why is Reason.STALE
+    assert bench.step().state.why is ForceReason.STALE
     assert bench.run(40).motor_torque == ZERO
 
 

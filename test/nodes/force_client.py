@@ -11,7 +11,7 @@ from harness import status
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from spm_haptic_master.force import Condition, FORCE_STATES
+from spm_haptic_master.force import FORCE_STATES, ForceCondition
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -102,10 +102,10 @@ class Client:
         self.torque = (0.0, 0.0, 0.0)
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
-            if self.state.condition is Condition.FAULT:
+            if self.state.condition is ForceCondition.FAULT:
                 self.call('fkm/acknowledge')
             self.call('enable')
-            if self.awaits(Condition.ENGAGED, 2.0):
+            if self.awaits(ForceCondition.ENGAGED, 2.0):
                 return
         pytest.fail(f'{self.state}, {status(self.health, self.name)}')
 
@@ -131,11 +131,11 @@ class Client:
             del self.felt[:]
             if self.observer.spin_until(
                 lambda: (
-                    self.state.condition is not Condition.ENGAGED
+                    self.state.condition is not ForceCondition.ENGAGED
                     or (self.felt and is_felt() and beside())
                 ),
                 6.0,
-            ) and (self.state.condition is Condition.ENGAGED):
+            ) and (self.state.condition is ForceCondition.ENGAGED):
                 return True
         return False
 

@@ -9,7 +9,7 @@ from force_client import PATIENCE
 from harness import Observer, SIMULATED, SIMULATED_CHECK
 import numpy as np
 import pytest
-from spm_haptic_master.force import Condition
+from spm_haptic_master.force import ForceCondition
 
 pytestmark = pytest.mark.process
 
@@ -75,7 +75,7 @@ def test_drives_make_what_the_client_commands_and_their_loss_is_a_fault(start, b
         assert client.entry()[1]['drives'] == 'in operation'
         client.torque = (0.0, 0.0, 0.0)
         devices.kill()
-        assert client.awaits(Condition.FAULT)
+        assert client.awaits(ForceCondition.FAULT)
         assert observer.spin_until(
             lambda: client.entry()[1].get('drives', '') not in ('in operation', ''), PATIENCE
         )
