@@ -293,10 +293,10 @@ node.create_subscription(QuaternionStamped, sys.argv[1], lambda message: None, 1
 rclpy.spin(node)
 """
 # Stops of the reader, the time of one and between two (s), and the time after which frames and
-# orientations have to come (s).
+# orientations have to come (s): 25 of them are due in the rest of a stop.
 STOPS = 100
-STOPPED = 0.2
-BETWEEN = 0.05
+STOPPED = 0.15
+BETWEEN = 0.03
 SOON = 0.1
 
 

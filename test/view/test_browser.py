@@ -44,21 +44,31 @@ class Page(browser_process.Browser):
 
 
 @pytest.fixture
-def page(start, tmp_path):
-    """Start `view` beside what runs; return its page and the program."""
+def open_page(tmp_path):
+    """Open pages of a `view`, each in a browser of its own."""
     pages = []
+
+    def open_one(view, size):
+        pages.append(Page(tmp_path / f'profile_{len(pages)}', *size))
+        pages[-1].call('Page.addScriptToEvaluateOnNewDocument', source=PROBES)
+        pages[-1].visit(view.stdout.splitlines()[0].removeprefix('view: '))
+        return pages[-1]
+
+    yield open_one
+    for each in pages:
+        each.close()
+
+
+@pytest.fixture
+def page(start, open_page):
+    """Start `view` beside what runs; return its page and the program."""
 
     def begin(size=(720, 480)):
         view = start('view', parameters={'view.port': 18180})
         assert wait_until(lambda: '\n' in view.stdout, PATIENCE), view.stderr
-        pages.append(Page(tmp_path / 'profile', *size))
-        pages[-1].call('Page.addScriptToEvaluateOnNewDocument', source=PROBES)
-        pages[-1].visit(view.stdout.splitlines()[0].removeprefix('view: '))
-        return pages[-1], view
+        return open_page(view, size), view
 
-    yield begin
-    for each in pages:
-        each.close()
+    return begin
 
 
 @pytest.fixture
@@ -299,12 +309,9 @@ def test_whoever_hears_or_types_has_what_others_see(device):
     assert 'Protection level: bound' not in shown.text()
 
 
-@pytest.mark.parametrize(
-    'size', [PHONE, pytest.param((820, 1180), marks=pytest.mark.evidence), DESKTOP]
-)
-def test_a_page_opens_with_the_device_in_the_picture(device, size):
-    """Upright as well: its camera is that of the view `front`, without a click."""
-    shown, _, _ = device(size)
+def check_camera(shown):
+    """Check that the camera is that of the view `front`, and stays there."""
+    until(lambda: shown.ask('banner()') == 'healthy', shown)
     # As far away as the shape of the picture needs.
     _, _, width, height = shown.box('document.querySelector("canvas")')
     back = max(1.0, height / width)
@@ -314,6 +321,17 @@ def test_a_page_opens_with_the_device_in_the_picture(device, size):
     # And it is so after the renderer, too, has set its camera.
     until(lambda: shown.evaluate('performance.now()') > SETTLED, shown)
     assert abs(shown.ask('distance()') - expected) < 0.05 * expected
+
+
+@pytest.mark.parametrize(
+    'sizes', [(PHONE, DESKTOP), pytest.param(((820, 1180),), marks=pytest.mark.evidence)]
+)
+def test_a_page_opens_with_the_device_in_the_picture(device, open_page, sizes):
+    """Upright as well, without a click; two of one device at once."""
+    first, *others = sizes
+    shown, _, view = device(first)
+    for each in (shown, *[open_page(view, size) for size in others]):
+        check_camera(each)
 
 
 @pytest.mark.evidence
