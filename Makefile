@@ -96,8 +96,10 @@ style: .venv/lint.stamp
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 
-lint: style
-	.venv/bin/python -m pytest -q --tb=short --show-capture=no -m linter test/test_linters.py
+# The ament linters beside ruff and mypy, which need one core each; all of them end.
+lint: .venv/lint.stamp
+	@.venv/bin/python -m pytest -q -n 2 --tb=short --show-capture=no -m linter test/test_linters.py & \
+	$(MAKE) --no-print-directory style; style=$$?; wait $$! && exit $$style
 
 mutants: .venv/test.stamp
 	.venv/bin/python -m benchmarks.mutants $(ARGS)

@@ -45,7 +45,7 @@ AMENT_LINT = [
     'flake8-quotes',
 ]
 # `make lint`.
-LINT = [*AMENT_LINT, 'mypy>=1.15,<3', 'pytest', 'ruff>=0.9,<1', 'types-PyYAML']
+LINT = [*AMENT_LINT, 'mypy>=1.15,<3', 'pytest', 'pytest-xdist', 'ruff>=0.9,<1', 'types-PyYAML']
 # The rendered reference of the public Python (`make reference`).
 REFERENCE = ['pdoc>=15,<17']
 # The paper, figure by figure (`make paper`).

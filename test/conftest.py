@@ -4,6 +4,7 @@
 """Fixtures of several rooms; every test run has a DDS domain and a CAN bus of its own."""
 
 from contextlib import closing, contextmanager, ExitStack
+from functools import cache
 import os
 from pathlib import Path
 import signal
@@ -37,6 +38,50 @@ def end_at_once(number, frame):
     for child in children:
         os.kill(int(child), signal.SIGKILL)
     os._exit(128 + number)
+
+
+# Marks of the tests of few files: the tiers of `make test` that ask for one import these alone.
+RARE_MARKS = 'process', 'alone'
+
+
+def asked_for(expression):
+    """Return the rare marks that every test has which an expression of marks selects."""
+    return set() if ' or ' in expression else {*RARE_MARKS} & {*expression.split(' and ')}
+
+
+@cache
+def marks_in(path):
+    """Return the rare marks that a file has somewhere."""
+    text = path.read_text()
+    return {mark for mark in RARE_MARKS if f'mark.{mark}' in text}
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Import no file in which nothing is asked for: most of a start is the import of tests."""
+    is_file = collection_path.suffix == '.py' and collection_path.is_file()
+    if is_file and not asked_for(config.option.markexpr) <= marks_in(collection_path):
+        return True
+
+
+# Tests with a rare mark from another file than their own.
+MISPLACED = pytest.StashKey[list[str]]()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Find the tests that would not be seen where their mark is asked for, of all tests."""
+    config.stash[MISPLACED] = [
+        f'{item.nodeid}: {mark.name}'
+        for item in items
+        for mark in item.iter_markers()
+        if mark.name in RARE_MARKS and mark.name not in marks_in(item.path)
+    ]
+
+
+@pytest.fixture
+def misplaced(pytestconfig):
+    """Return the tests whose rare mark is not in their own file, of those that were collected."""
+    return pytestconfig.stash[MISPLACED]
 
 
 @pytest.fixture(autouse=True)

@@ -197,3 +197,8 @@ def test_no_node_imports_another():
         for name in names & (nodes - {f'{PACKAGE}.nodes.{path.stem}'})
     ]
     assert not violations, '\n'.join(violations)
+
+
+def test_a_mark_that_chooses_the_files_of_a_tier_is_in_the_file_of_its_test(misplaced):
+    """Of all tests that were collected with this one: `pytest_ignore_collect` reads the files."""
+    assert misplaced == []
