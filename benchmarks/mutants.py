@@ -329,6 +329,11 @@ def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench]
     """Try the mutants of a room or file; print survivors; return the share killed, per cent."""
     begin = time.monotonic()
     tests = f'test/{Path(target).parts[0]}'
+    print(
+        f'{target}: quick tests of {tests} without a mutant, then with {len(mutants)}',
+        file=sys.stderr,
+        flush=True,
+    )
     limit = time_limit(benches.queue[0], tests)
 
     def attempt(mutant: Mutant) -> bool:

@@ -23,9 +23,10 @@ def assert_recorded(name, text):
     path = DATA / name
     if not path.exists():
         path.write_text(text, encoding='utf-8')
-        raise AssertionError(f'{path}: recorded anew')
+        raise AssertionError(f'test/data/{name} did not exist and is written: read it, test again')
     found = differences(text, path.read_text(encoding='utf-8'))
-    assert not found, '\n'.join([f'{name}: {len(found)} lines differ', *found[:SHOWN]])
+    accept = f'to accept what was found, delete test/data/{name} and run the test twice'
+    assert not found, '\n'.join([f'{name}: {len(found)} lines differ', *found[:SHOWN], accept])
 
 
 def differences(text, recorded):

@@ -8,8 +8,10 @@ import re
 from runpy import run_path
 import subprocess
 
+from encoder_frames import make_layouts, values
 from harness import ROOT
 import pytest
+import yaml
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
@@ -26,7 +28,9 @@ def test_targets_are_those_of_the_makefile():
     phony = set(' '.join(re.findall(r'^\.PHONY: (.*)', makefile, re.MULTILINE)).split())
     header = set(re.findall(r'^# make ([a-z-]+)', makefile, re.MULTILINE))
     page = set(re.findall(r'`make ([a-z-]+)', (ROOT / 'CONTRIBUTING.md').read_text()))
-    assert targets == phony == header == page
+    assert phony == targets, 'Makefile: .PHONY and its targets differ'
+    assert header == targets, 'Makefile: its first comment and its targets differ'
+    assert page == targets, 'CONTRIBUTING.md, "Targets", and the targets of the Makefile differ'
 
 
 # A path in a code span; a name in a file.
@@ -46,14 +50,30 @@ def test_recipes_name_files_that_exist_and_definitions_in_them():
         for path in PATH.findall(text)
     }
     assert len(found) > 20
-    assert [path for path, file in found.items() if file is None] == ['config/NAME.yaml']
+    missing = [path for path, file in found.items() if file is None]
+    assert missing == ['config/NAME.yaml'], 'CONTRIBUTING.md names files that do not exist'
     names = NAME_IN.findall(text)
     assert len(names) > 10
-    assert [
-        (name, path)
+    missing = [
+        f'{name} in {path}'
         for name, path in names
         if not re.search(rf'\b{name}\b', found[path].read_text())
-    ] == []
+    ]
+    assert not missing, f'CONTRIBUTING.md, "Where to change": there is no {missing}'
+
+
+def test_the_frame_layout_of_the_recipe_is_the_one_that_it_describes():
+    """A status bit first, then 20 bits of counts from bit 12 to the last of four bytes."""
+    block = re.search(r'```yaml\n(.*?)```', (ROOT / 'CONTRIBUTING.md').read_text(), re.DOTALL)
+    given = yaml.safe_load(block[1])
+    layouts = make_layouts(values(**{f'encoders__{name}': value for name, value in given.items()}))
+    bits = '1' + 11 * '0' + f'{0xABCDE:020b}'
+    good = int(bits, 2).to_bytes(4, 'big')
+    bad = int('0' + bits[1:], 2).to_bytes(4, 'big')
+    for layout in layouts:
+        assert layout.counts(good) == 0xABCDE
+        assert layout.healthy(good)
+        assert not layout.healthy(bad)
 
 
 @pytest.mark.process

@@ -51,7 +51,20 @@ def test_relative_links_resolve(page):
         target = (page.parent / path).resolve() if path else page
         if not target.exists() or (anchor and anchor not in anchors(target)):
             broken.append(link)
-    assert not broken
+    assert not broken, f'{page.name}: links to files or headings that do not exist: {broken}'
+
+
+@pytest.mark.parametrize(
+    'page',
+    [*PAGES, *BESIDE],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
+def test_a_page_ends_with_one_newline_and_no_line_with_a_space(page):
+    """As pre-commit asks of each file that a commit changes."""
+    lines = text_of(page).split('\n')
+    spaced = [number for number, line in enumerate(lines, 1) if line != line.rstrip()]
+    assert not spaced, f'{page.name}: spaces at the end of lines {spaced}'
+    assert lines[-1] == '' and lines[-2], f'{page.name}: expected one newline at the end'
 
 
 def test_every_page_is_in_the_index():
@@ -59,7 +72,8 @@ def test_every_page_is_in_the_index():
     named = {
         (index.parent / link.partition('#')[0]).resolve() for link in LINK.findall(text_of(index))
     }
-    assert {page for page in PAGES[1:] if page != index} <= named
+    missing = {page for page in PAGES[1:] if page != index} - named
+    assert not missing, f'docs/README.md needs a link to {missing}'
 
 
 def test_generated_texts_are_current(monkeypatch):
@@ -69,7 +83,8 @@ def test_generated_texts_are_current(monkeypatch):
 
     readme = text_of(generate_executables.README)
     assert generate_executables.table() in readme, 'run `make docs`'
-    assert generate_refusals.page() == text_of(generate_refusals.PAGE), 'run `make docs`'
+    is_current = generate_refusals.page() == text_of(generate_refusals.PAGE)
+    assert is_current, 'docs/refused.md: run `make docs`'
     assert len(readme.splitlines()) <= README_LINES
 
 
@@ -88,7 +103,7 @@ def test_parameters_named_in_the_pages_exist():
         for name in pattern.findall(text_of(page))
         if name not in known and not name.endswith(('.yaml', '.launch.py'))
     }
-    assert not unknown
+    assert not unknown, f'no parameters: {unknown}; see docs/parameters.md, or run `make docs`'
 
 
 def test_the_recipe_of_limits_has_values_that_the_nodes_take():
@@ -142,7 +157,8 @@ def test_messages_of_a_page_are_those_of_the_code(page, heading, rooms):
         for span in re.findall(r'`([^`]+)`', row)
         for part in VARIABLE.split(span)
     ]
-    assert [each for each in words if each not in code] == []
+    unknown = [each for each in words if each not in code]
+    assert not unknown, f'docs/{page}, "{heading}": messages that no code has: {unknown}'
 
 
 def test_each_topic_and_each_reason_of_silence_is_in_its_page():
@@ -152,11 +168,13 @@ def test_each_topic_and_each_reason_of_silence_is_in_its_page():
         text_of(ROOT / 'docs' / name) for name in ('interfaces.md', 'slave.md', 'diagnostics.md')
     )
     assert len(topics) > 20
-    assert [each for each in topics if f'{each}`' not in pages] == []
+    missing = [each for each in topics if f'{each}`' not in pages]
+    assert not missing, f'docs/interfaces.md, table "Topics": no row of {missing}'
     cures = section_of('safety.md', 'Reasons and cures')
-    assert [
+    missing = [
         each.value for each in Reason if each.value not in cures and each is not Reason.STARTING
-    ] == []
+    ]
+    assert not missing, f'docs/safety.md, table "Reasons and cures": no row of {missing}'
 
 
 @pytest.mark.parametrize('page', ['as it is', 'as make evidence writes it'])

@@ -173,7 +173,11 @@ def test_each_room_imports_what_is_declared_for_it():
     for room, found in used.items():
         other = found.keys() - {room, '', *TOP_LEVEL, *sys.stdlib_module_names}
         declared = ROOMS.get(room, set()) | OUTSIDE[room]
-        assert other == declared, {name: found.get(name) for name in other ^ declared}
+        different = {name: str(found.get(name)) for name in other ^ declared}
+        assert not different, (
+            f'{room}: its imports are not those of ROOMS and OUTSIDE in test/test_house.py, by '
+            f'name and file that imports it (None: declared, and not imported): {different}'
+        )
 
 
 def test_mathematics_has_no_clock_and_no_threads():

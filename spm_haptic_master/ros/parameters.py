@@ -142,8 +142,8 @@ class ParameterNode(Node):
         different = live ^ self._applied
         if different:
             raise RuntimeError(
-                f'{self.get_name()}: live settings that no code applies, or applied settings that '
-                f'are not live: {", ".join(sorted(different))}'
+                f'{self.get_name()}: live settings that no code applies (by `on_change`), or '
+                f'applied settings that are not live: {", ".join(sorted(different))}'
             )
 
     def clock_reader(self) -> Callable[[], int]:

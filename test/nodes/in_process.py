@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.serialization import deserialize_message, serialize_message
 from spm_haptic_master.parameters.resolver import Parameters
+from spm_haptic_master.ros.parameters import ParameterNode
 
 # A start that no stamp of a real clock has (ns).
 EPOCH = 1_800_000_000_000_000_000
@@ -296,6 +297,8 @@ def hosted(
             made = make(Parameters(arguments=list(settings), remaps=remaps))
             host.nodes += made if isinstance(made, list) else [made]
             for node in host.nodes:
+                if isinstance(node, ParameterNode):
+                    node.check_live_settings()
                 node.count_publishers = lambda topic: len(host._infos(topic))
                 node.get_publishers_info_by_topic = host._infos
                 if subscribes:

@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from device import disturbance, every, noisy, offset, paused, ramp, run, stuck  # noqa: E402, I100
 
 TABLE = Path(__file__).with_name('decisions.txt')
+ACCEPT = 'if the change is meant to: .venv/bin/python test/supervision/test_decisions.py --accept'
 # Samples from one protection level of the table to the next.
 LEVEL_EVERY = 300
 
@@ -166,12 +167,20 @@ def without_levels(lines):
     return lines[: len(lines) - len(levels)], {at: float(level) for _, level, _, at in words}
 
 
+def how_to_accept(name, found, expected):
+    """Return the lines that differ, and how to accept those that were found."""
+    lines = [f'{name}: sample and state, or number of published samples']
+    lines += [f'found {line!r}, which is not recorded' for line in found if line not in expected]
+    lines += [f'not found: {line!r}, which is recorded' for line in expected if line not in found]
+    return '\n'.join([*lines, ACCEPT])
+
+
 @pytest.mark.parametrize('name', CASES)
 def test_a_recording_is_decided_as_before(name):
     states, levels = without_levels(decided(CASES[name]))
     expected_states, expected_levels = without_levels(recorded()[name])
-    assert states == expected_states
-    assert levels == pytest.approx(expected_levels, rel=1e-2)
+    assert states == expected_states, how_to_accept(name, states, expected_states)
+    assert levels == pytest.approx(expected_levels, rel=1e-2), ACCEPT
 
 
 if __name__ == '__main__' and sys.argv[1:] == ['--accept']:
