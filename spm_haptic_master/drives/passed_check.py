@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.drives.plan import DrivePlan
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import InputError, quoted
 
 # What the file is, in it and in errors.
 KIND = 'passed force_check'
@@ -220,12 +220,11 @@ def read_check(path: Path) -> PassedCheck:
     try:
         content = json.loads(path.read_text(encoding='utf-8'))
         if content['kind'] != KIND:
-            raise ValueError(f'kind {content["kind"]!r}')
+            raise ValueError(f'kind {quoted(content["kind"])}')
         return PassedCheck(str(content['date']), tuple(map(_drive_from, content['drives'])))
-    except (OSError, UnicodeDecodeError, ValueError, TypeError, KeyError) as error:
-        shown = (
-            f'it has no {error}: record it anew' if isinstance(error, KeyError) else repr(error)
-        )
+    except (OSError, ValueError, ArithmeticError, RecursionError, TypeError, KeyError) as error:
+        # Not repr: that of UnicodeDecodeError has the whole file.
+        shown = f'it has no {error}: record it anew' if isinstance(error, KeyError) else error
         raise InputError(
             f'{path}: expected the file of a {KIND} (force_check --record --output): {shown}'
         ) from error

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import can
-from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.exceptions import InputError, quoted, SettingError
 
 # Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
 BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
@@ -163,12 +163,12 @@ def check_configuration() -> None:
     text = os.environ.get(CONFIG_VARIABLE, '{}')
     try:
         value = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         value = error
     if not isinstance(value, dict):
         raise InputError(
-            f'environment variable {CONFIG_VARIABLE} is {text!r}; expected a JSON object such as '
-            '\'{"port": 43114}\''
+            f'environment variable {CONFIG_VARIABLE} is {quoted(text)}; expected a JSON object '
+            'such as \'{"port": 43114}\''
         )
 
 

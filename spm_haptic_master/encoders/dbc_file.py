@@ -220,17 +220,16 @@ def _word(signal: Any) -> tuple[int, int, int]:
 def _counts_per_turn(signal: Any) -> tuple[int, list[str]]:
     """Return the counts per turn by scale and unit of a signal, and what is not certain."""
     unit = (signal.unit or '').strip().lower()
+    most = 1 << signal.length
     if unit in TURNS and signal.scale:
         counts = TURNS[unit] / abs(signal.scale)
-        if abs(counts - round(counts)) <= SCALE_TOLERANCE * counts:
+        if counts <= most and abs(counts - round(counts)) <= SCALE_TOLERANCE * counts:
             return round(counts), []
-    if signal.maximum and not signal.is_signed:
+    if signal.maximum and signal.scale and not signal.is_signed:
         raw = (signal.maximum - signal.offset) / signal.scale
-        if raw > 1:
+        if 1 < raw < most:
             return round(raw) + 1, ['counts_per_turn is from the maximum: compare the data sheet']
-    return 1 << signal.length, [
-        'counts_per_turn is 2 to the number of bits: compare the data sheet'
-    ]
+    return most, ['counts_per_turn is 2 to the number of bits: compare the data sheet']
 
 
 def _byte_and_mask(signal: Any, remarks: list[str]) -> tuple[int, int]:

@@ -358,7 +358,7 @@ def _read_content(path: str | Path, sensors: int) -> dict[str, Any]:
     try:
         text = Path(path).read_text(encoding='utf-8')
         content = json.loads(text, object_pairs_hook=_without_doubles)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
         raise InputError(f'{path}: not a rig ({quoted(content)}); expected a JSON object')

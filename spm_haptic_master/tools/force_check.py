@@ -435,7 +435,7 @@ def read(path: Path) -> list[Part]:
         ]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise InputError(
-            f'{path}: cannot be read as a recording of a bring-up: {error!r}'
+            f'{path}: cannot be read as a recording of a bring-up: {type(error).__name__}: {error}'
         ) from error
     if len(motors) < 3:
         raise InputError(f'{path}: torques of {len(motors)} motors: expected {", ".join(TORQUES)}')

@@ -100,6 +100,26 @@ def test_a_file_that_lacks_what_tells_a_drive_is_to_be_recorded_anew(file, name)
         read_check(path)
 
 
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        (b'', 'Expecting value: line 1 column 1'),
+        (b'\xff' * 9999, "'utf-8' codec can't decode byte 0xff in position 0"),
+        (b'[' * 9999, 'maximum recursion depth'),
+        (b'{"kind": "%s"}' % (b'x' * 9999), "kind 'xxx"),
+        (SIMULATED_CHECK.read_bytes().replace(b'12,', b'1e999,', 1), 'cannot convert float inf'),
+    ],
+)
+def test_a_file_that_is_no_check_is_one_short_line(tmp_path, content, words):
+    path = tmp_path / 'check.json'
+    path.write_bytes(content)
+    with pytest.raises(InputError, match='check.json: expected the file of a') as caught:
+        read_check(path)
+    assert words in str(caught.value)
+    assert len(str(caught.value)) < 500
+    assert '\n' not in str(caught.value)
+
+
 @pytest.mark.parametrize('name', ['vendor', 'product', 'serial', 'polarity'])
 def test_another_drive_than_the_checked_one_gets_no_torque(file, name):
     """Two drives that were exchanged, a new one, or one set anew may turn another way."""

@@ -134,6 +134,11 @@ def test_a_signal_is_in_whole_bytes_with_a_mask(described, start, length, byte_o
         ({'maximum': 1}, 65536, (FROM_BITS,)),
         ({'maximum': 0}, 65536, (FROM_BITS,)),
         ({'maximum': 3599, 'is_signed': True}, 65536, (FROM_BITS,)),
+        # No turn has more counts than the signal can hold.
+        ({'unit': 'deg', 'scale': 1e-320}, 65536, (FROM_BITS,)),
+        ({'maximum': float('inf')}, 65536, (FROM_BITS,)),
+        ({'maximum': 3599, 'scale': 0}, 65536, (FROM_BITS,)),
+        ({'maximum': 70000}, 65536, (FROM_BITS,)),
     ],
 )
 def test_counts_per_turn_are_by_the_scale_the_maximum_or_the_bits(

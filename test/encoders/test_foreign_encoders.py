@@ -198,6 +198,7 @@ def test_E15_a_clock_that_wraps_gets_a_new_offset_at_once():
         (b'\xff\xfe\x00', None, "can't decode byte"),
         (None, '[1, 2]', "environment variable CAN_CONFIG is '[1, 2]'; expected a JSON object"),
         (None, '{', "environment variable CAN_CONFIG is '{'"),
+        pytest.param(None, '[' * 9999, "CAN_CONFIG is '[[[", id='nested'),
     ],
 )
 def test_E16_a_broken_configuration_of_python_can_is_named(

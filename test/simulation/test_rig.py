@@ -133,6 +133,7 @@ AXES = [
     ('content', 'words'),
     [
         ('{"alpha_deg": [39, 39, 39]', 'cannot be read'),
+        pytest.param('[' * 9999, 'cannot be read: maximum recursion depth', id='nested'),
         ('"text"', "not a rig ('text'); expected a JSON object"),
         *(
             (json.dumps({key: value}), f"key '{key}' is {value}; expected {expected}")

@@ -126,6 +126,15 @@ def test_a_file_that_is_no_recording(
     assert words in text
 
 
+def test_a_file_that_is_no_text_is_one_short_line(check, tmp_path):
+    path = tmp_path / 'bring_up.csv'
+    path.write_bytes(b'\xff' * 9999)
+    code, _, text = check(str(path))
+    assert code == 1
+    assert "UnicodeDecodeError: 'utf-8' codec can't decode byte 0xff in position 0" in text
+    assert len(text) < 500
+
+
 def test_a_file_that_does_not_exist(check, tmp_path):
     assert check(str(tmp_path / 'none.csv'))[0] == 1
 
