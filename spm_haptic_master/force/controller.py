@@ -1,7 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Force feedback: motor torques for each joint sample."""
+"""
+Force feedback: motor torques for each joint sample.
+
+`ForceController.take` passes a sample through six steps: its time, its pose, the work of the
+motors since the last one, what stands in the way of force, the state, and the torques.
+"""
 
 from __future__ import annotations
 

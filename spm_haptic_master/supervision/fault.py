@@ -89,7 +89,9 @@ class Fault:
     acknowledged : int or None
         `last_bad` when a person ended the wait for checks of the suspects, ns; None before.
     waiting : tuple of int
-        Suspects whose check is all that it still waits for; empty while it waits for more.
+        Suspects whose check was all that it waited for after its latest recovery; empty before,
+        and after a bad sample. One that is only withheld begins the recovery again and leaves
+        them, so that `state` goes on saying how to move.
 
     """
 
@@ -258,7 +260,7 @@ class FaultLatch:
 
     def _is_over(self, fault: Fault, exposure: Exposure, stamp: int) -> bool:
         """
-        Whether a fault is over with a consistent sample at a stamp, ns.
+        Note a consistent sample at a stamp, ns; return whether a fault is over with it.
 
         Two sensors of a single parity that jumped wait for a person. Any other fault waits for the
         recovery. After it, a fault of which jumps explain every bad sample is over if all of them
@@ -266,7 +268,7 @@ class FaultLatch:
         Else the others have to have checked each suspect since the latest bad sample.
         """
         self._forget_returned(fault)
-        if fault.needs_person or not self._has_recovered(fault, stamp):
+        if fault.needs_person or not self._note_recovery(fault, stamp):
             return False
         # No bad sample since the onset is one that a jump does not explain.
         is_explained = self._unexplained < self.onset
@@ -285,8 +287,8 @@ class FaultLatch:
             if self._joints.has_returned(sensor, departure):
                 del fault.jumped[sensor]
 
-    def _has_recovered(self, fault: Fault, stamp: int) -> bool:
-        """Whether the samples agreed for the recovery, up to a stamp, ns, whose sample does."""
+    def _note_recovery(self, fault: Fault, stamp: int) -> bool:
+        """Note a sample that agrees, at a stamp, ns; return whether the recovery is complete."""
         if fault.agreed_from is None:
             fault.agreed_from = stamp
         return stamp - fault.agreed_from >= round(self._recovery * 1e9)

@@ -224,7 +224,7 @@ class JointMonitor:
             if is_repeated:
                 self._hold(reading, elapsed)
                 return
-        self._compare(reading, change, elapsed, period, timing_error, is_joint_slow)
+        self._compare(reading, change, elapsed, period, timing_error, is_joint_slow=is_joint_slow)
 
     def _compare(
         self,
@@ -233,6 +233,7 @@ class JointMonitor:
         elapsed: float,
         period: float,
         timing_error: float,
+        *,
         is_joint_slow: bool,
     ) -> None:
         """Compare a new reading with the motion, `elapsed` (s) after the reading used last."""
@@ -248,7 +249,9 @@ class JointMonitor:
             self._last_innovation = nan
             limit = self.limit(elapsed, period) + abs(self.velocity) * timing_error
             is_late = was_late or elapsed > LATE_PERIODS * period
-            if self._note_large(reading, innovation, elapsed, period, limit, is_late):
+            if self._note_large(
+                reading, innovation, elapsed, period, limit=limit, is_late=is_late
+            ):
                 # After a late reading only the filter knows where the joint was.
                 jump = (
                     innovation if was_late else remainder(change - self.velocity * elapsed, TURN)
@@ -277,6 +280,7 @@ class JointMonitor:
         innovation: float,
         elapsed: float,
         period: float,
+        *,
         limit: float,
         is_late: bool,
     ) -> bool:

@@ -136,7 +136,8 @@ def run(
     progress : callable, optional
         Called with the number of samples done, every `PROGRESS_SAMPLES`.
     most_withheld : float
-        The run stops after more samples that are not published; the rest is not published.
+        The run stops with the next sample that is withheld after so many; the rest is not
+        published.
 
     Returns
     -------

@@ -482,10 +482,10 @@ class Rivals:
         """
         Return in how many samples a hypothesis that was never found is searched for.
 
-        Noise can hide a solution of three sensors that is near another one of them: they are
-        complex then. The best fit of more sensors is there with noise as well. Within `NEAR_REACH`
-        one that is not found next to its place has met another one, which the part of the sensor
-        allows for.
+        Where two solutions of three sensors nearly meet, noise makes them a complex pair in some
+        samples. The best fit of more sensors is there with noise as well. Within `NEAR_REACH` a
+        solution that is not found next to its place has met another one, which the part of the
+        sensor allows for.
         """
         place = rival.place
         if self._sensors.used.parity_count > 1:

@@ -201,6 +201,7 @@ def _estimate_rows(
         prior = None if priors is None else priors[row]
         with suppress(SpmError):
             single = _estimate_one(own, sensors, g, prior)
+            # Each attribute of the result has a row for each sample.
             for name in Estimate.__slots__:
                 getattr(result, name)[row] = getattr(single, name)
     return result
