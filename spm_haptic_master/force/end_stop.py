@@ -52,8 +52,6 @@ class EndStop:
 
     """
 
-    __slots__ = ('_begin', '_ends', '_statics', '_stiffness')
-
     def __init__(self, geometry: Geometry, limits: ForceLimits, statics: Statics) -> None:
         self._statics = statics
         self._begin = limits.end_stop
@@ -111,8 +109,6 @@ class LegEnds:
         Least and largest cosine of the angle between the axes far from both ends.
 
     """
-
-    __slots__ = ('folded', 'least', 'most', 'stretched')
 
     def __init__(self, leg: Leg, far: float) -> None:
         alpha = acos(leg.cos_alpha)

@@ -71,8 +71,6 @@ class EnergyBudget:
 
     """
 
-    __slots__ = ('_useless', 'damping', 'energy', 'share')
-
     def __init__(self) -> None:
         self.damping = 0.0
         self.restart()

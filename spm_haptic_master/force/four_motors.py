@@ -30,8 +30,6 @@ class FourMotors(Statics):
     by linear duality: one pair of motors decides it.
     """
 
-    __slots__ = ()
-
     def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
         super().__init__(geometry, working_mode, FOUR_MOTORS, limits)
 

@@ -67,8 +67,6 @@ class Gravity:
 class LinkWeight:
     """The torque that holds a proximal link; what does not depend on the pose is computed once."""
 
-    __slots__ = ('_across', '_along', '_constant', '_number', '_torque')
-
     def __init__(
         self,
         number: int,
@@ -114,8 +112,6 @@ class Weight:
         Has the pose, and the rows of G.
 
     """
-
-    __slots__ = ('_down', '_handle', '_links', '_statics')
 
     def __init__(self, gravity: Gravity, statics: Statics) -> None:
         self._handle = gravity.handle

@@ -28,8 +28,6 @@ class HandleTorque:
 
     """
 
-    __slots__ = ('_fade_start', '_limits', '_lock', '_wrench_ramp', 'asked', 'ramp')
-
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
         self._lock = Lock(limits.lock_stiffness)

@@ -34,8 +34,6 @@ class JointMotion:
 
     """
 
-    __slots__ = ('_kept', '_motors', 'is_missing')
-
     def __init__(self, motors: int) -> None:
         self._motors = motors
         # Stamps (ns) and raw angles (rad) of the latest samples without a jump between them.

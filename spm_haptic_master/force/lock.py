@@ -32,8 +32,6 @@ class Lock:
 
     """
 
-    __slots__ = ('_centre', '_stiffness')
-
     def __init__(self, stiffness: float) -> None:
         self._stiffness = stiffness
         self._centre: Quaternion[float] | None = None  # R_base_platform

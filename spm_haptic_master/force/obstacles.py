@@ -21,8 +21,6 @@ from spm_haptic_master.force.samples import (
 class Obstacles:
     """The conditions of force, which each sample has to meet, and the count of small wrenches."""
 
-    __slots__ = ('_count', '_latest', '_limits', '_longest')
-
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
         # Largest age of a wrench, and largest time that it may be ahead of its sample, ns.

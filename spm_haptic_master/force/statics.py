@@ -102,8 +102,6 @@ class LegConstants:
 
     """
 
-    __slots__ = ('cos_alpha', 'cos_beta', 'first', 'sign', 'squares', 'third', 'twice')
-
     def __init__(self, leg: Leg, sign: int) -> None:
         self.sign = sign
         self.third = leg.third
@@ -179,8 +177,6 @@ class Statics:
         Of a fourth motor, in the pose: 1 - u^2 of leg A times its row of G.
 
     """
-
-    __slots__ = ('fourth_row', 'leg_poses', 'legs', 'limits', 'motors', 'rotation')
 
     def __init__(
         self,

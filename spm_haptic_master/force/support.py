@@ -37,16 +37,6 @@ class Support:
 
     """
 
-    __slots__ = (
-        '_end_stop',
-        '_ramp',
-        '_stop_share',
-        '_weight',
-        '_weight_share',
-        'end_stop',
-        'weight',
-    )
-
     def __init__(
         self,
         geometry: Geometry,

@@ -54,8 +54,6 @@ INVERSE_STEPS = 2
 class ThreeMotors(Statics):
     """Statics of three motors in the pose that `place` took last."""
 
-    __slots__ = ('_least', '_square')
-
     def __init__(self, geometry: Geometry, working_mode: WorkingMode, limits: ForceLimits) -> None:
         super().__init__(geometry, working_mode, THREE_MOTORS, limits)
         # Least |det G| over the sum of the 1 / B_kk^2 with which s_3 is above sigma_full: s_3 is
