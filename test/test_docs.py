@@ -128,6 +128,12 @@ def section_of(page: str, heading: str) -> str:
     return text_of(ROOT / 'docs' / page).partition(f'## {heading}\n')[2].partition('\n## ')[0]
 
 
+def test_every_page_is_in_the_documentation_that_rosdoc2_builds():
+    listed = set(re.findall(r'^   ([\w/]+)$', text_of(ROOT / 'docs' / 'index.rst'), re.MULTILINE))
+    pages = {str(page.relative_to(ROOT / 'docs').with_suffix('')) for page in PAGES[1:]}
+    assert listed - {'modules'} == pages, 'docs/index.rst and the pages of docs/ differ'
+
+
 # What of a message differs from one to the next: names, numbers, what the system reports.
 VARIABLE = re.compile(
     r'^SENSOR |\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|'

@@ -360,12 +360,12 @@ def _check_names(
                 name,
                 value,
                 f'a parameter of {owner}, such as '
-                f'{", ".join(similar(name, shown or known))} '
+                f'{", ".join(similar(name, shown or known, known))} '
                 f'({section.origin}, {section.nodes})',
             )
 
 
-def similar(name: str, names: Collection[str]) -> list[str]:
+def similar(name: str, names: Collection[str], others: Collection[str] = ()) -> list[str]:
     """
     Return the names most like one that nobody has: those beginning with it first.
 
@@ -374,18 +374,20 @@ def similar(name: str, names: Collection[str]) -> list[str]:
     name : str
         The unknown name.
     names : collection of str
-        Names of the program.
+        Names of the program, or of the node.
+    others : collection of str
+        Names that are accepted, too: proposed where none of the first is like it.
 
     Returns
     -------
     list of str
-        One to three names, if there are any: of the program, or else of the whole package.
+        One to three of these names, if there are any.
 
     """
     return (
         [each for each in sorted(names) if each.startswith(name)]
         or difflib.get_close_matches(name, names, n=3)
-        or difflib.get_close_matches(name, ALL_NAMES, n=3)
+        or difflib.get_close_matches(name, others, n=3)
         or sorted(names)
     )[:3]
 

@@ -150,6 +150,16 @@ def test_a_file_may_have_what_other_nodes_of_the_package_take_but_no_other_name(
         Parameters([path]).check(['fkm'], names)
 
 
+def test_a_name_of_another_node_is_proposed_where_it_is_accepted_and_nowhere_else(write):
+    """A section of one node has only its own names; one of all nodes has those of each."""
+    path = write('rig.yaml', {'/**/diagnostics': '{rate: 100.0}'})
+    with pytest.raises(SettingError, match='a parameter of diagnostics, such as dexterity_error'):
+        Parameters([path]).check(['diagnostics'], {'dexterity_error'})
+    path = write('rig.yaml', {'/**': '{alert_limt_deg: 1.0}'})
+    with pytest.raises(SettingError, match='such as alert_limit_deg'):
+        Parameters([path]).check(['encoder_driver'], {'rate'})
+
+
 @pytest.mark.parametrize(
     ('nodes', 'values', 'reason'),
     [

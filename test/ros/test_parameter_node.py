@@ -100,6 +100,8 @@ def test_parameters_have_the_resolved_values_and_say_what_is_allowed(node):
         ('word', 'c', "'word' is 'c'"),
         ('fixed', 3.0, 'fixed'),
         ('sped', 3.0, "'sped' is 3.0; expected a parameter of this node, such as speed"),
+        # A name of another node is not proposed.
+        ('rate', 3.0, "'rate' is 3.0; expected a parameter of this node, such as angles, fixed"),
         (
             'speed',
             ParameterValue(type=77),
