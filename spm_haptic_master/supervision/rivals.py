@@ -74,6 +74,7 @@ class Rivals:
     ----------
     last : Place or None
         The latest consistent orientation, which the next sample follows; None before the first.
+        The supervisor assigns it, once it is known that the sample is consistent.
     unseen_steps : dict of int to float
         By sensor, the least step of it, rad, that the parity may not show at the latest sample
         that `follow` took; it shows any step of another sensor in use.
@@ -287,8 +288,8 @@ class Rivals:
         Note how far the truth may be from the orientation if a sensor stepped in this sample.
 
         The orientation turned. The truth went on as the platform did before, to what a human can
-        accelerate it: v t + a t^2, as the platform's mean speed v over the last period t had
-        changed by up to a t / 2 at its end. After a gap this is about the latest sample of a
+        accelerate it: v t + a t^2 in a period t, as at the end of the period before the speed was
+        up to a t / 2 above its mean v. After a gap this is about the latest sample of a
         trial, before which the speed may be any that a human reaches in the gap.
 
         Parameters

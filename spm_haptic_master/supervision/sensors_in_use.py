@@ -139,10 +139,9 @@ class SensorsInUse:
         """
         if not self.missing and not isnan(sum(angles)):
             return self._too_few(angles)
-        missing = tuple(sensor for sensor, angle in enumerate(angles) if isnan(angle))
-        self.missing = missing
+        self.missing = tuple(sensor for sensor, angle in enumerate(angles) if isnan(angle))
         for sensor in range(self._mounted):
-            self._gaps[sensor] = self._gaps[sensor] + 1 if sensor in missing else 0
+            self._gaps[sensor] = self._gaps[sensor] + 1 if sensor in self.missing else 0
             if self._gaps[sensor] == MISSING_SAMPLES:
                 self._distrust_missing(sensor)
         self._update()
@@ -335,6 +334,7 @@ class SensorsInUse:
             is_back = trial.has_agreed_for(sample.stamp, self._limits.window) or has_returned(
                 sensor
             )
+            # It continues the orientation of those in use, whatever its own was.
             trial.place = here
             agrees = trial.follow(sample, self._limits.joint_speed)
             if is_back and not agrees and not self.used.parity_count:

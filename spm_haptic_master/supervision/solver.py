@@ -106,8 +106,8 @@ class Solver:
             self._geometry,
             prior,
             self._working_mode,
-            self._last_step,
-            self._selectable_parity,
+            last_step=self._last_step,
+            selectable_parity=self._selectable_parity,
         )
 
     def other_solutions(self, found: SampleEstimate, angles: Angles) -> list[SampleEstimate]:
