@@ -140,19 +140,21 @@ def _second(numbers: Sequence[float]) -> float:
 
 
 def _motive(sheet: Sheet) -> Export | None:
-    """Read the header of OptiTrack's Motive: rows Type, Name, ..., Frame, Time (Seconds)."""
+    """
+    Read the header of OptiTrack's Motive: rows of types, names, ..., quantities, then Frame.
+
+    Motive 3 says Type and Name in the second field of the first two; before it, that was empty.
+    """
     if not sheet.begin.startswith('format version'):
         return None
-    frame = _within_header(sheet, 0, 'Frame')
-    type_row = _within_header(sheet, 1, 'Type')
-    name_row = _within_header(sheet, 1, 'Name')
-    if frame is None or type_row is None or name_row is None:
+    frame = sheet.find(lambda line: line[0].strip() == 'Frame') or 0
+    rows = [line for line in sheet.lines[1:frame] if any(line)]
+    labels = [[field.strip() for field in line[:2]] for line in rows[:2]]
+    if len(rows) < 3 or labels not in ([['', 'Type'], ['', 'Name']], [['', ''], ['', '']]):
         raise InputError(
             f'{sheet.path}: a CSV file of Motive without its rows Type, Name and Frame'
         )
-    kinds = sheet.lines[type_row]
-    names = sheet.lines[name_row]
-    quantities = sheet.lines[frame - 1]
+    kinds, names, *_, quantities = rows
     bodies = _motive_columns(
         names,
         kinds,
@@ -182,18 +184,6 @@ def _motive(sheet: Sheet) -> Export | None:
         markers={name: columns[:3] for name, columns in markers.items()},
         quaternion=lambda values: values,
     )
-
-
-def _within_header(
-    sheet: Sheet,
-    place: int,
-    text: str,
-) -> int | None:
-    """Return the index of the line of the header that has a text at a place."""
-    for at, line in enumerate(sheet.lines[:HEADER_LINES]):
-        if len(line) > place and line[place].strip() == text:
-            return at
-    return None
 
 
 def _motive_columns(

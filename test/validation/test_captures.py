@@ -270,6 +270,11 @@ def motive(rotations, kind='Quaternion'):
     return '\n'.join(lines) + '\n'
 
 
+def motive_2(rotations):
+    """Return the same of Motive 2, which does not say in the second field what a row is."""
+    return motive(rotations).replace(',Type,', ',,').replace(',Name,', ',,').replace(',ID,', ',,')
+
+
 def helical_degrees(rotations):
     """Return rotation vectors, deg, (n, 3)."""
     q = kinematics.quaternion_from_matrix(rotations)
@@ -337,6 +342,7 @@ def qualisys_markers(rotations):
     ('write', 'name', 'body', 'left_out'),
     [
         (motive, 'take.csv', None, 1),
+        (motive_2, 'take.csv', None, 1),
         (vicon, 'trial.csv', 'Handle:Handle', 0),
         (qualisys, 'measurement.tsv', None, 1),
     ],
@@ -380,6 +386,13 @@ def test_markers_of_qtm_are_read_by_their_names(tmp_path):
     ('text', 'words'),
     [
         (motive(motion(CAPTURED[:20]), 'XYZ'), 'Rotation Type is XYZ; expected Quaternion'),
+        *(
+            (
+                motive(motion(CAPTURED[:20])).replace(whole, broken),
+                'a CSV file of Motive without its rows Type, Name and Frame',
+            )
+            for whole, broken in ((',Name,', ',,'), (',Type,', ',Kind,'), ('Frame,Time', 'F,T'))
+        ),
         (vicon(motion(CAPTURED[:20])), 'rigid bodies Handle:Handle, Base:Base; name one by'),
         (
             qualisys_markers(motion(CAPTURED[:20])).replace('Handle_D', 'lamp'),
