@@ -55,7 +55,7 @@ class Checkability:
 
     @property
     def nowhere(self) -> tuple[int, ...]:
-        """Indices of the sensors that are checked at no pose of the region."""
+        """Return the indices of the sensors that are checked at no pose of the region."""
         return tuple(sensor for sensor, share in enumerate(self.share) if share == 0.0)
 
 
