@@ -5,6 +5,8 @@
 
 from pathlib import Path
 import re
+from runpy import run_path
+import sys
 
 from benchmarks.evidence import Measurer, SECTIONS
 from docs.__main__ import changed, contents
@@ -14,6 +16,7 @@ from spm_haptic_master.parameters.encoders import CAN_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
 from spm_haptic_master.supervision.symptom import Reason
+from test_house import NOT_INSTALLED, OUTSIDE
 import yaml
 
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
@@ -132,6 +135,20 @@ def test_every_page_is_in_the_documentation_that_rosdoc2_builds():
     listed = set(re.findall(r'^   ([\w/]+)$', text_of(ROOT / 'docs' / 'index.rst'), re.MULTILINE))
     pages = {str(page.relative_to(ROOT / 'docs').with_suffix('')) for page in PAGES[1:]}
     assert listed - {'modules'} == pages, 'docs/index.rst and the pages of docs/ differ'
+
+
+def test_rosdoc2_imports_the_package_without_the_libraries_of_its_rooms(monkeypatch):
+    """All but numpy are mocked; the package is found from a file below the checkout."""
+    monkeypatch.setattr(sys, 'path', ['elsewhere', *sys.path])
+    configuration = run_path(str(ROOT / 'docs' / 'conf.py'))
+    assert sys.path[:2] == [str(ROOT), 'elsewhere']
+    libraries = {
+        library
+        for room, names in OUTSIDE.items()
+        if room not in NOT_INSTALLED
+        for library in names
+    }
+    assert libraries - {'numpy'} <= set(configuration['MOCKED'])
 
 
 # What of a message differs from one to the next: names, numbers, what the system reports.
