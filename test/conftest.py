@@ -188,6 +188,15 @@ def encoders(channel):
     return run
 
 
+@pytest.fixture
+def few_guesses(monkeypatch):
+    """Have the search for zeros guess less often: of a good motion one in five is right."""
+    from spm_haptic_master.calibration.motion import zero_search
+
+    monkeypatch.setattr(zero_search, 'GUESSES', 12)
+    monkeypatch.setattr(zero_search, 'MORE_GUESSES', 48)
+
+
 @pytest.fixture(scope='session')
 def bus_channel():
     """Give the channel of this run's own CAN bus between processes."""

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
+from functools import cache
 from math import pi, radians, sin
 
 import numpy as np
@@ -92,23 +94,39 @@ def sag(stiffness: float = 0.3) -> tuple[float, float]:
     return float(fallen), float(np.linalg.norm(found.velocity[lost:], axis=1).max())
 
 
+class _AtRest:
+    """A computer whose encoders read a pose at rest, with their noise."""
+
+    def __init__(self) -> None:
+        self._computer, self._rng = Computer(), np.random.default_rng(3)
+        self._angles = np.array(ClosedLoop(pose(15.0), hand=None).plant.angles)
+        self._samples = 0
+
+    def torques(self, lie: Vector[float] = STILL) -> Vector[float]:
+        """Return the torques of the motors after a sample in which the motors' encoders lie."""
+        self._samples += 1
+        angles = self._angles + SIGMA * self._rng.normal(size=4)
+        angles[:3] += lie
+        stamp = self._samples * PERIOD
+        self._computer.look(stamp, tuple(angles.tolist()))
+        return self._computer.act(Wrench(stamp, STILL), clutched=False).motor_torque
+
+
+@cache
+def _rested() -> _AtRest:
+    """Return such a computer after 2.1 s, of which each user takes a copy."""
+    device = _AtRest()
+    for _ in range(2100):
+        device.torques()
+    return device
+
+
 def drifting(speed: float, motor: int) -> float:
     """Return the largest torque of a motor whose encoder runs away at a speed, rad/s, N m."""
-    computer, rng = Computer(), np.random.default_rng(3)
-    loop = ClosedLoop(pose(15.0), hand=None)
-    largest, lie = 0.0, 0.0
-    for step in range(2200):
-        noise = SIGMA * rng.normal(size=4)
-        angles = np.array(loop.plant.angles) + noise
-        if step >= 2100:
-            lie += speed * DT
-            angles[motor] += lie
-        stamp = (step + 1) * PERIOD
-        computer.look(stamp, tuple(angles.tolist()))
-        output = computer.act(Wrench(stamp, STILL), clutched=False)
-        if step >= 2100:
-            largest = max(largest, abs(output.motor_torque[motor]))
-    return largest
+    device = deepcopy(_rested())
+    away = speed * DT * np.eye(3)[motor]
+    lies = np.cumsum(np.tile(away, (100, 1)), axis=0)
+    return max(abs(device.torques(lie)[motor]) for lie in lies)
 
 
 def stuttering(pause: str, seconds: float = 60.0) -> tuple[float, str]:

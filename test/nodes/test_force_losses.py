@@ -205,7 +205,7 @@ def rig(start, bus_channel, stack):
     """Start a rig with some values of its parameters, and have its drives make a torque."""
     # On a busy machine such time-outs end all torque again and again, and it takes minutes to see.
     with Disturbance() as machine:
-        time.sleep(1.0)
+        time.sleep(0.4)
     if machine.disturbed:
         pytest.skip(f'{SKIPPED}{machine}')
 

@@ -7,6 +7,7 @@ import gzip
 
 from harness import DATA
 import pytest
+from spm_haptic_master.calibration.motion import zero_search
 from spm_haptic_master.tools import calibrate, calibrate_motion, calibration_verdict
 
 # Sets per second of the log.
@@ -65,6 +66,7 @@ def calibrated(motion, tmp_path_factory):
         )
         patch.setattr(calibrate_motion, 'print', lines.append, raising=False)
         patch.setattr(calibration_verdict, 'SECONDS', 10.0)
+        patch.setattr(zero_search, 'GUESSES', 12)
         assert (
             calibrate.main(
                 ['calibrate', '--motion', *motion, '-o', str(path), '-p', 'alert_limit_deg:=30.0']

@@ -248,6 +248,7 @@ def test_E13_calibrate_names_a_smaller_resolution(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures('few_guesses')
 def test_E13_no_resolution_is_suggested_that_the_encoders_do_not_have(
     motion,
     tmp_path,
