@@ -140,21 +140,11 @@ def _second(numbers: Sequence[float]) -> float:
 
 
 def _motive(sheet: Sheet) -> Export | None:
-    """
-    Read the header of OptiTrack's Motive: rows of types, names, ..., quantities, then Frame.
-
-    Motive 3 says Type and Name in the second field of the first two; before it, that was empty.
-    """
+    """Read the header of OptiTrack's Motive."""
     if not sheet.begin.startswith('format version'):
         return None
     frame = sheet.find(lambda line: line[0].strip() == 'Frame') or 0
-    rows = [line for line in sheet.lines[1:frame] if any(line)]
-    labels = [[field.strip() for field in line[:2]] for line in rows[:2]]
-    if len(rows) < 3 or labels not in ([['', 'Type'], ['', 'Name']], [['', ''], ['', '']]):
-        raise InputError(
-            f'{sheet.path}: a CSV file of Motive without its rows Type, Name and Frame'
-        )
-    kinds, names, *_, quantities = rows
+    kinds, names, *_, quantities = _motive_rows(sheet, frame)
     bodies = _motive_columns(
         names,
         kinds,
@@ -184,6 +174,21 @@ def _motive(sheet: Sheet) -> Export | None:
         markers={name: columns[:3] for name, columns in markers.items()},
         quaternion=lambda values: values,
     )
+
+
+def _motive_rows(sheet: Sheet, frame: int) -> list[list[str]]:
+    """
+    Return the rows of types, names, ..., quantities before the row Frame; InputError without them.
+
+    Motive 3 says Type and Name in the second field of the first two; before it, that was empty.
+    """
+    rows = [line for line in sheet.lines[1:frame] if any(line)]
+    labels = [[field.strip() for field in line[:2]] for line in rows[:2]]
+    if len(rows) < 3 or labels not in ([['', 'Type'], ['', 'Name']], [['', ''], ['', '']]):
+        raise InputError(
+            f'{sheet.path}: a CSV file of Motive without its rows Type, Name and Frame'
+        )
+    return rows
 
 
 def _motive_columns(
