@@ -30,7 +30,8 @@ SETUP = ['canopen>=2']
 DBC = ['cantools']
 # The page of `view`, and what viser serves it with.
 VIEW = ['viser>=1.1.1,<2', 'websockets>=13.1', 'msgspec']
-# The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
+# The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there,
+# but for flake8-docstrings: ament_pep257 runs the same program for more of its codes.
 AMENT_LINT = [
     'flake8>=7,<8',
     'ros-jazzy-ament-flake8',
@@ -40,7 +41,6 @@ AMENT_LINT = [
     'flake8-class-newline',
     'flake8-comprehensions',
     'flake8-deprecated',
-    'flake8-docstrings',
     'flake8-import-order',
     'flake8-quotes',
 ]

@@ -5,6 +5,7 @@
 
 from contextlib import closing, contextmanager, ExitStack
 from functools import cache
+import gc
 import os
 from pathlib import Path
 import signal
@@ -38,6 +39,15 @@ def end_at_once(number, frame):
     for child in children:
         os.kill(int(child), signal.SIGKILL)
     os._exit(128 + number)
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_collection():
+    """Look for no garbage in what is imported: neither meanwhile, nor again during each test."""
+    gc.disable()
+    yield
+    gc.freeze()
+    gc.enable()
 
 
 # Marks of the tests of few files: the tiers of `make test` that ask for one import these alone.

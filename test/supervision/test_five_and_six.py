@@ -84,7 +84,7 @@ def test_six_isolate_the_faulty_one_and_go_on(fault, sensor):
             ('turning', 1000.0),
         ],
         SENSORS,
-        count=3,
+        others=pytest.mark.evidence,
     ),
 )
 def test_six_go_on_within_a_window_without_one_that_is_stuck(motion, sensor):
