@@ -4,7 +4,7 @@
 """Force feedback of a hosted fkm, sample by sample, with the test as drives and clients."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import inf, nan, radians
 from types import SimpleNamespace
 from unittest import mock
@@ -21,6 +21,7 @@ from spm_haptic_master.force import ForceLimits
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes import factories
 from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.parameters.fkm import FORCE_SETTINGS
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros import diagnostic_status
@@ -594,6 +595,22 @@ def values(**given):
 
 def test_the_defaults_are_those_of_the_limits():
     assert factories.limits_from(values()) == ForceLimits()
+
+
+NUMBERS = [each for each in FORCE_SETTINGS if each.kind is float and each.count is None]
+
+
+@pytest.mark.parametrize('setting', NUMBERS, ids=lambda setting: setting.name)
+def test_each_number_is_one_of_the_limits(setting):
+    """One without a field of ForceLimits would be accepted and have no effect."""
+    limits = factories.limits_from(values(**{setting.name: 0.9 * setting.default}))
+    defaults = ForceLimits()
+    changed = {
+        field.name: getattr(limits, field.name) / getattr(defaults, field.name)
+        for field in fields(ForceLimits)
+        if getattr(limits, field.name) != getattr(defaults, field.name)
+    }
+    assert [*changed.values()] == [pytest.approx(0.9)], changed
 
 
 @pytest.mark.parametrize(

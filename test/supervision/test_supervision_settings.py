@@ -8,7 +8,8 @@ from math import inf, pi, radians
 import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.fkm import limits_from, sigma_from, SUPERVISION_SETTINGS
-from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.parameters.geometry import MECHANISM_SETTINGS, MOUNTING_SETTINGS
+from spm_haptic_master.parameters.setting import complete, SENSORS_SETTING
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 
@@ -49,6 +50,33 @@ def test_limits_are_in_si_units():
     limits = limits_from(values(joint_max_deg=[180.0, 180.0, 179.0, 180.0]))
     assert limits.joint_min == (-inf, -inf, pytest.approx(-pi), -inf)
     assert limits.joint_max == (inf, inf, pytest.approx(radians(179.0)), inf)
+
+
+def another(setting):
+    """Return another value of a setting than its default."""
+    default = setting.default
+    if setting.allowed:
+        return next(each for each in setting.allowed if each != default)
+    if setting.kind is bool:
+        return not default
+    first = default[0] if setting.count is not None else default
+    end = setting.minimum if first == setting.maximum else setting.maximum
+    middle = setting.kind((first + end) / 2)
+    return [middle] * len(default) if setting.count is not None else middle
+
+
+LIMITS = [
+    each
+    for each in SUPERVISION_SETTINGS
+    if each not in (SENSORS_SETTING, *MECHANISM_SETTINGS, *MOUNTING_SETTINGS)
+    and each.name != 'sigma_deg'
+]
+
+
+@pytest.mark.parametrize('setting', LIMITS, ids=lambda setting: setting.name)
+def test_each_setting_is_one_of_the_limits(setting):
+    """One without a field of Limits would be accepted and have no effect."""
+    assert limits_from(values(**{setting.name: another(setting)})) != limits_from(values())
 
 
 def test_further_sensors_have_their_own_values_or_those_of_th3a():
