@@ -10,7 +10,7 @@
 #                      that docs/evidence.md states and write the page; with --resume,
 #                      go on where that was interrupted)
 # make mutants         change the code at random, count what quick tests detect (ARGS='ROOM ...')
-# make bench           measure each function of the kinematics
+# make bench           measure each function of the kinematics, a supervised sample and one of force
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
 # make soak            run the nodes for minutes on a bus that fails (ARGS='--minutes 120')
 # make faults          play healthy and faulty sensors, inject faults into the real chain, print both

@@ -170,12 +170,7 @@ class ParameterNode(Node):
     def _unknown(self, name: str, value: object) -> str:
         """Return why a parameter is refused that the node does not have."""
         near = ', '.join(similar(name, self.get_parameters_by_prefix('')))
-        error = SettingError(
-            name=name,
-            value=value,
-            expected=f'a parameter of this node, such as {near}',
-        )
-        return str(error)
+        return str(SettingError(name, value, f'a parameter of this node, such as {near}'))
 
 
 class _ParameterServices(ParameterService):
