@@ -356,13 +356,11 @@ def _check_names(
         if name in REMOVED:
             raise SettingError(name, value, f'{REMOVED[name]} ({section.origin}, {section.nodes})')
         if name not in known:
-            raise SettingError(
-                name,
-                value,
-                f'a parameter of {owner}, such as '
-                f'{", ".join(similar(name, shown or known, known))} '
-                f'({section.origin}, {section.nodes})',
-            )
+            expected = f'the section of a node that has it: {owner} does not'
+            if name not in ALL_NAMES:
+                near = ', '.join(similar(name, shown or known, known))
+                expected = f'a parameter of {owner}, such as {near}'
+            raise SettingError(name, value, f'{expected} ({section.origin}, {section.nodes})')
 
 
 def similar(name: str, names: Collection[str], others: Collection[str] = ()) -> list[str]:

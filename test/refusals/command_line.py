@@ -122,9 +122,8 @@ COMMAND_LINE = (
         "another node's parameter in the section of one",
         'it would have no effect',
         message=(
-            "parameter 'alert_limit_deg' is 0.5; expected a parameter of encoder_driver, such "
-            'as alert_limit_deg, teleop.tilt_limit_deg, deviation_limit_deg (rig.yaml, '
-            '/**/encoder_driver)'
+            "parameter 'alert_limit_deg' is 0.5; expected the section of a node that has it: "
+            'encoder_driver does not (rig.yaml, /**/encoder_driver)'
         ),
     ),
     argument(
