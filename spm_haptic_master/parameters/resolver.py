@@ -187,7 +187,7 @@ class Parameters:
             if section not in reaching:
                 _check_other(section)
             elif section.nodes.endswith('*'):
-                _check_names(section, 'this program', {*names, *ALL_NAMES}, names)
+                _check_names(section, 'this program', names, ALL_NAMES)
             else:
                 node = next(by_name[name] for name in by_name if section.reaches(name))
                 _check_names(section, node, _own_names(node))
@@ -332,8 +332,8 @@ def _check_other(section: Section) -> None:
 def _check_names(
     section: Section,
     owner: str,
-    known: Collection[str],
-    shown: Collection[str] = (),
+    names: Collection[str],
+    others: Collection[str] = (),
 ) -> None:
     """
     Raise SettingError for the first name of a section that is not known.
@@ -344,10 +344,10 @@ def _check_names(
         The section.
     owner : str
         Whose parameters they are, in the error message.
-    known : collection of str
+    names : collection of str
         Names that are accepted.
-    shown : collection of str
-        Names that the error may propose; by default those accepted.
+    others : collection of str
+        Names that are accepted, too, and proposed last.
 
     """
     for name, value in section.values.items():
@@ -355,10 +355,10 @@ def _check_names(
             raise SettingError(name, value, 'no override: the QoS of this package is fixed')
         if name in REMOVED:
             raise SettingError(name, value, f'{REMOVED[name]} ({section.origin}, {section.nodes})')
-        if name not in known:
+        if name not in names and name not in others:
             expected = f'the section of a node that has it: {owner} does not'
             if name not in ALL_NAMES:
-                near = ', '.join(similar(name, shown or known, known))
+                near = ', '.join(similar(name, names, others))
                 expected = f'a parameter of {owner}, such as {near}'
             raise SettingError(name, value, f'{expected} ({section.origin}, {section.nodes})')
 
