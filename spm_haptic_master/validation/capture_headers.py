@@ -144,21 +144,9 @@ def _motive(sheet: Sheet) -> Export | None:
     if not sheet.begin.startswith('format version'):
         return None
     frame = sheet.find(lambda line: line[0].strip() == 'Frame') or 0
-    kinds, names, *_, quantities = _motive_rows(sheet, frame)
-    bodies = _motive_columns(
-        names,
-        kinds,
-        quantities,
-        ('rigid body',),
-        'rotation',
-    )
-    markers = _motive_columns(
-        names,
-        kinds,
-        quantities,
-        ('marker', 'rigid body marker'),
-        'position',
-    )
+    rows = _motive_rows(sheet, frame)
+    bodies = _motive_columns(rows, ('rigid body',), 'rotation')
+    markers = _motive_columns(rows, ('marker', 'rigid body marker'), 'position')
     titles = sheet.lines[0][::2]
     values = sheet.lines[0][1::2]
     about = dict(zip(titles, values, strict=False))
@@ -192,13 +180,12 @@ def _motive_rows(sheet: Sheet, frame: int) -> list[list[str]]:
 
 
 def _motive_columns(
-    names: Sequence[str],
-    kinds: Sequence[str],
-    quantities: Sequence[str],
+    rows: list[list[str]],
     wanted: Sequence[str],
     quantity: str,
 ) -> Columns:
-    """Return the columns that have a quantity of things of the wanted kinds, by their names."""
+    """Return the columns of `_motive_rows` with a quantity of wanted kinds, by their names."""
+    kinds, names, *_, quantities = rows
     found: Columns = {}
     columns = zip(names, kinds, quantities, strict=False)
     for column, (name, kind, of) in enumerate(columns):
