@@ -155,7 +155,7 @@ def check_configuration() -> None:
         try:
             can.util.load_file_config(path)
         except (configparser.Error, OSError, ValueError) as error:
-            reason = ' '.join(str(error).split())
+            reason = ' '.join(str(error).split())[:200]
             raise InputError(
                 f"{path}: not a configuration file of python-can ({reason}); expected '[default]' "
                 "and lines 'NAME = VALUE', each name once"

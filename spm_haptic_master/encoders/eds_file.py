@@ -105,7 +105,7 @@ class DeviceDescription:
         try:
             self._dictionary: Any = import_canopen().import_od(path, node_id)
         except (OSError, ValueError, KeyError, AttributeError, configparser.Error) as error:
-            reason = ' '.join(str(error).split()) or type(error).__name__
+            reason = ' '.join(str(error).split())[:200] or type(error).__name__
             raise InputError(f'{path}: not a readable EDS file ({reason})') from error
         if not len(self._dictionary):
             raise InputError(f'{path}: no object in it; expected an EDS file')

@@ -147,9 +147,8 @@ def _motive(sheet: Sheet) -> Export | None:
     rows = _motive_rows(sheet, frame)
     bodies = _motive_columns(rows, ('rigid body',), 'rotation')
     markers = _motive_columns(rows, ('marker', 'rigid body marker'), 'position')
-    titles = sheet.lines[0][::2]
-    values = sheet.lines[0][1::2]
-    about = dict(zip(titles, values, strict=False))
+    pairs = sheet.lines[0]
+    about = dict(zip(pairs[::2], pairs[1::2], strict=False))
     kind = about.get('Rotation Type', 'Quaternion')
     if bodies and kind != 'Quaternion':
         raise InputError(

@@ -194,6 +194,7 @@ def test_E15_a_clock_that_wraps_gets_a_new_offset_at_once():
     ('file', 'variable', 'words'),
     [
         ('interface = virtual\n', None, 'contains no section headers'),
+        pytest.param('x' * 9999, None, 'contains no section headers', id='long'),
         ('[default]\nport = 1\nport = 2\n', None, "option 'port' in section 'default' already"),
         (b'\xff\xfe\x00', None, "can't decode byte"),
         (None, '[1, 2]', "environment variable CAN_CONFIG is '[1, 2]'; expected a JSON object"),
@@ -215,6 +216,7 @@ def test_E16_a_broken_configuration_of_python_can_is_named(
         can_bus.check_interface('virtual')
     assert words in str(error.value)
     assert '\n' not in str(error.value)
+    assert len(str(error.value)) < 500
     with pytest.raises(InputError):
         make_source('can', values(can__interface='virtual', can__channel='can7'))
 

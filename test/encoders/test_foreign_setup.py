@@ -383,6 +383,7 @@ def test_an_eds_gives_the_types_of_a_device(channel, run, tmp_path):
         ('none.eds', None, 'No such file'),
         ('device.txt', '', 'not an EDS file; expected .eds or .dcf'),
         ('broken.eds', 'no section', 'not a readable EDS file (File contains no section headers'),
+        pytest.param('long.eds', 'x' * 9999, 'not a readable EDS file (File contains', id='long'),
         ('empty.eds', '', 'no object in it; expected an EDS file'),
     ],
 )
@@ -395,3 +396,4 @@ def test_a_file_that_is_no_eds_is_one_line(run, tmp_path, name, content, words):
     assert words in text
     assert str(path) in text
     assert text.count('\n') == 1
+    assert len(text) < 500
