@@ -31,7 +31,7 @@ DBC = ['cantools']
 # The page of `view`, and what viser serves it with.
 VIEW = ['viser>=1.1.1,<2', 'websockets>=13.1', 'msgspec']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there,
-# but for flake8-docstrings: ament_pep257 runs the same program for more of its codes.
+# but for flake8-docstrings: ament_pep257 runs the same program, pydocstyle, for more of its codes.
 AMENT_LINT = [
     'flake8>=7,<8',
     'ros-jazzy-ament-flake8',
@@ -43,6 +43,7 @@ AMENT_LINT = [
     'flake8-deprecated',
     'flake8-import-order',
     'flake8-quotes',
+    'pydocstyle',
 ]
 # `make lint`.
 LINT = [*AMENT_LINT, 'mypy>=1.15,<3', 'pytest', 'pytest-xdist', 'ruff>=0.9,<1', 'types-PyYAML']
