@@ -145,9 +145,10 @@ class SensorSet:
             reach = turn + TURN_DEVIATIONS * deviation
             if FOLD * deviation * reach < self.sensors.largest:
                 return None
-        limit = self._window.limit(worth.noise, worth.bias)
         for other in self._others(estimate, sample.angles):
             parity = hypot(*other.parity_vector)
+            # What noise and bias do to the parity is another thing at another orientation.
+            limit = self._parity_limit(sample, other)
             other_reach = turn + TURN_DEVIATIONS * other.total_deviation
             is_in_reach = prior is None or is_within(
                 other.quaternion, prior.quaternion, other_reach
@@ -172,9 +173,12 @@ class SensorSet:
 
     def agrees(self, sample: Sample, estimate: SampleEstimate) -> bool:
         """Whether the parity of a solution is within its limit, by this sample alone."""
+        return hypot(*estimate.parity_vector) <= self._parity_limit(sample, estimate)
+
+    def _parity_limit(self, sample: Sample, estimate: SampleEstimate) -> float:
+        """Return the largest parity that healthy sensors have at a solution, in this sample."""
         worth = integrity(estimate, sample.bias, sample.factors, sample.parity_bias)
-        parity = hypot(*estimate.parity_vector)
-        return parity <= self._window.limit(worth.noise, worth.bias)
+        return self._window.limit(worth.noise, worth.bias)
 
     def near(self, sample: Sample, quaternion: Quaternion[float]) -> SampleEstimate | None:
         """Return the solution next to an orientation if the sensors in use agree there."""
