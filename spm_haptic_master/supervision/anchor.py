@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
-
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import is_within, rotation_distance
 from spm_haptic_master.supervision.sample import Place, Sample
@@ -16,8 +14,12 @@ from spm_haptic_master.supervision.symptom import Reason, Symptom
 TURN_DEVIATIONS = 6.0
 # Change of a reading that moves two solutions apart from where they meet, over the square of half
 # the angle between them (1 / rad): 0.4 to 1.9 in random poses to a tilt of 45 deg. By the
-# derivative of that, noise of sigma turns each by sigma / (FOLD * the angle between them).
+# derivative of that, noise of sigma turns each by sigma / (FOLD * the angle between them), and the
+# reading error that takes an orientation of the gain K to where they meet is 1 / (4 FOLD K^2).
 FOLD = 2.0
+# Largest `Integrity.fold_share` of an orientation that another may continue: neither noise nor
+# bias of a sensor takes it to where two solutions meet.
+LARGEST_FOLD_SHARE = 1.0
 
 
 class Anchor:
@@ -28,8 +30,6 @@ class Anchor:
     ----------
     speed : float
         Human motion limit of the rotation, rad/s.
-    sigma, bias : float
-        Largest standard deviation and nominal bias of a sensor, rad.
 
     Attributes
     ----------
@@ -38,13 +38,8 @@ class Anchor:
 
     """
 
-    def __init__(self, speed: float, sigma: float, bias: float) -> None:
+    def __init__(self, speed: float) -> None:
         self._speed = speed
-        # Largest total deviation of an orientation that another may continue, rad: neither noise
-        # nor bias of a sensor takes it to where two solutions meet. With the angle to the other
-        # one, the error that does is FOLD (angle / 2)^2, and the deviation sigma / (FOLD angle).
-        reading_error = TURN_DEVIATIONS * sigma + bias
-        self._largest_deviation = 0.5 * sigma / sqrt(FOLD * reading_error)
         self.place: Place | None = None
         # The last quaternion, whose sign the next one continues even if `place` is None.
         self._quaternion: Quaternion[float] | None = None
@@ -98,12 +93,12 @@ class Anchor:
         self,
         stamp: int,
         quaternion: Quaternion[float],
-        deviation: float,
+        fold_share: float,
     ) -> Place:
         """
         Let the next orientation continue this one; return it, continuous in sign.
 
-        No later one continues it if its total deviation is so large that two solutions may meet.
+        No later one continues it if noise and bias may take it to where two solutions meet.
 
         Parameters
         ----------
@@ -111,8 +106,8 @@ class Anchor:
             Time of the sample, ns.
         quaternion : tuple of four float
             Orientation x, y, z, w of R_base_platform.
-        deviation : float
-            Its total standard deviation, rad.
+        fold_share : float
+            Its `Integrity.fold_share` (unit 1).
 
         Returns
         -------
@@ -126,5 +121,5 @@ class Anchor:
             quaternion = -x, -y, -z, -w
         self._quaternion = quaternion
         place = Place(stamp, quaternion)
-        self.place = place if deviation <= self._largest_deviation else None
+        self.place = place if fold_share <= LARGEST_FOLD_SHARE else None
         return place

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from math import hypot, inf, pi, sqrt
 
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
+from spm_haptic_master.supervision.anchor import FOLD, TURN_DEVIATIONS
 
 # Standard deviations by which a fault at the protection level exceeds the threshold (unit 1): it
 # stays undetected, or noise alone turns an orientation further, with a probability of 1e-7.
@@ -40,6 +41,9 @@ class Integrity:
         Bound of the parity's standard deviation as measured (unit 1); exact for one entry.
     bias : float
         What the nominal biases do to the parity at most, in standard deviations.
+    fold_share : float
+        Noise and bias of the readings, over the reading error that takes the orientation to where
+        two solutions meet (unit 1): see `FOLD`.
     slopes : sequence of float, length N
         Rotation error of each sensor's fault over the parity that it makes, rad; infinite for a
         sensor that the others cannot check here, and for one that is left out.
@@ -50,6 +54,7 @@ class Integrity:
     deviation: float
     noise: float
     bias: float
+    fold_share: float
     slopes: Sequence[float]
 
     def parts(self, undetected: float, window_bias: float = 0.0) -> list[float]:
@@ -127,13 +132,18 @@ def integrity(
     Returns
     -------
     Integrity
-        healthy = k_md deviation + sum |K_i| b_i, and slope_i = |K_i| / |p_i|.
+        healthy = k_md deviation + sum |K_i| b_i, slope_i = |K_i| / |p_i|, and fold_share =
+        4 FOLD sum |K_i|^2 (`TURN_DEVIATIONS` sigma_i + b_i).
 
     """
     gains = estimate.gain_sizes
     parity_gains = estimate.parity_sizes
     weights = estimate.sensors.weights
+    sigma = estimate.sensors.sigma
     slopes = []
+    # Noise and bias of each reading, rad, over what takes the orientation to where two solutions
+    # meet.
+    fold_share = 0.0
     # What the biases do at most to the orientation, rad, and to the parity, in standard
     # deviations; and the square of their whitened length.
     turned = 0.0
@@ -142,27 +152,44 @@ def integrity(
     for sensor, offset in enumerate(bias):
         gain = gains[sensor]
         parity_gain = parity_gains[sensor]
+        reading_error = TURN_DEVIATIONS * factors[sensor] * sigma[sensor] + offset
+        fold_share += 4.0 * FOLD * gain * gain * reading_error
         turned += gain * offset
         moved += parity_gain * offset
         whitened += weights[sensor] * offset * offset
         slopes.append(gain / parity_gain if parity_gain else inf)
     # No projection is longer than what it is of, nor than the sum of its parts.
     moved = min(moved, sqrt(whitened), parity_bias * hypot(*parity_gains))
+    deviation, noise = _deviations(estimate, factors)
+    # To the second order: the nearer it takes the orientation to where two solutions meet, the
+    # further the bias turns it, up to twice as far there.
+    turned *= 2.0 / (1.0 + sqrt(max(1.0 - fold_share, 0.0)))
+    return Integrity(
+        healthy=MISSED_DETECTION * deviation + turned,
+        deviation=deviation,
+        noise=noise,
+        bias=moved,
+        fold_share=fold_share,
+        slopes=slopes,
+    )
+
+
+def _deviations(estimate: SampleEstimate, factors: tuple[float, ...]) -> tuple[float, float]:
+    """Return what the measured noise does to orientation, rad, and parity: their deviations."""
     covariance = estimate.covariance
     variance = covariance[0] + covariance[4] + covariance[8]
     parity_variance = 1.0
     if max(factors) > 1.0:
         sigma = estimate.sensors.sigma
-        sensors = zip(gains, parity_gains, factors, sigma, strict=True)
+        sensors = zip(
+            estimate.gain_sizes,
+            estimate.parity_sizes,
+            factors,
+            sigma,
+            strict=True,
+        )
         for gain, parity_gain, factor, configured in sensors:
             excess = (factor * factor - 1.0) * configured * configured
             variance += excess * gain * gain
             parity_variance += excess * parity_gain * parity_gain
-    deviation = sqrt(variance)
-    return Integrity(
-        healthy=MISSED_DETECTION * deviation + turned,
-        deviation=deviation,
-        noise=sqrt(parity_variance),
-        bias=moved,
-        slopes=slopes,
-    )
+    return sqrt(variance), sqrt(parity_variance)

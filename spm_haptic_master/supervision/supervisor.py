@@ -27,7 +27,7 @@ from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault import Acknowledgement, FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.orientation_state import HEALTHY, OrientationState, StateMachine
-from spm_haptic_master.supervision.protection import protection_level
+from spm_haptic_master.supervision.protection import Integrity, protection_level
 from spm_haptic_master.supervision.rivals import Rivals
 from spm_haptic_master.supervision.sample import Angles, Place, PRIOR_AGE, Sample
 from spm_haptic_master.supervision.sample_clock import SampleClock, Tick
@@ -112,7 +112,7 @@ class Supervisor:
         self._clock = SampleClock()
         self.joints = JointMonitors(sigma, limits)
         self._sensors = SensorsInUse(solver, sigma, limits)
-        self._anchor = Anchor(limits.joint_speed, max(sigma), max(limits.bias))
+        self._anchor = Anchor(limits.joint_speed)
         self._rivals = Rivals(
             self._sensors,
             len(sigma),
@@ -376,7 +376,7 @@ class Supervisor:
         worth = self._sensors.used.worth
         if estimate is None or worth is None or not estimate.determined:
             return self._withhold_undetermined(sample)
-        here = self._continue(sample, estimate, worth.deviation)
+        here = self._continue(sample, estimate, worth)
         self._exposure.note_consistent(sample.stamp, self.parts, self.alert_limit)
         symptom = self._watch_left_out(sample, here)
         if symptom is not None:
@@ -391,16 +391,16 @@ class Supervisor:
             return self._publish(sample, estimate, here.quaternion, level)
         return self._withhold_unworthy(sample.stamp, cause)
 
-    def _continue(self, sample: Sample, estimate: SampleEstimate, deviation: float) -> Place:
+    def _continue(self, sample: Sample, estimate: SampleEstimate, worth: Integrity) -> Place:
         """
         Let the next sample continue a consistent orientation; return it, continuous in sign.
 
-        With a total standard deviation, rad, that is too large, samples that do not continue it
-        are no evidence of a fault.
+        If noise or bias may take it to another solution, or its total standard deviation is too
+        large, samples that do not continue it are no evidence of a fault.
         """
         self.latch.note_consistent()
-        here = self._anchor.follow(sample.stamp, estimate.quaternion, deviation)
-        if self._anchor.place is None or deviation > self._limits.deviation:
+        here = self._anchor.follow(sample.stamp, estimate.quaternion, worth.fold_share)
+        if self._anchor.place is None or worth.deviation > self._limits.deviation:
             self._undetermined = sample.stamp
         self._rivals.last = here
         return here

@@ -12,11 +12,11 @@ from spm_haptic_master.supervision.sample import Sample
 from spm_haptic_master.supervision.symptom import Reason
 
 MS = 1_000_000
-# Human motion limit, rad/s, total deviation of an orientation and that of a sensor, rad.
+# Human motion limit, rad/s; total deviation of an orientation, rad, and its share of the reading
+# error with which two solutions meet.
 SPEED = 20.0
 DEVIATION = 1e-3
-SIGMA = 7e-4
-BIAS = 9e-4
+FOLD_SHARE = 0.1
 
 
 def turned(angle):
@@ -40,9 +40,9 @@ def discontinuity(anchor, stamp, quaternion):
 
 def after(*angles):
     """Return an anchor that has followed angles, deg, a millisecond apart, and its time, ns."""
-    anchor = Anchor(SPEED, SIGMA, BIAS)
+    anchor = Anchor(SPEED)
     for index, angle in enumerate(angles):
-        anchor.follow(index * MS, turned(angle), DEVIATION)
+        anchor.follow(index * MS, turned(angle), FOLD_SHARE)
     return anchor, (len(angles) - 1) * MS
 
 
@@ -52,14 +52,14 @@ def swept(first, last, steps=100):
 
 def test_a_quaternion_never_changes_its_sign():
     """Neither over two turns nor after a restart, whichever sign the solver finds."""
-    anchor = Anchor(1e9, SIGMA, BIAS)
+    anchor = Anchor(1e9)
     last = None
     for index, angle in enumerate(range(0, 720, 15)):
         if index % 7 == 6:
             anchor.restart()
         found = turned(angle % 360 if index % 2 else angle % 360 - 360)
         assert discontinuity(anchor, index * MS, found) is None
-        quaternion = anchor.follow(index * MS, found, DEVIATION).quaternion
+        quaternion = anchor.follow(index * MS, found, FOLD_SHARE).quaternion
         assert quaternion in (found, tuple(-each for each in found))
         if last is not None:
             assert sum(one * other for one, other in zip(quaternion, last, strict=True)) > 0.9
@@ -80,13 +80,12 @@ def test_a_turn_faster_than_a_human_does_not_continue_the_motion(sign, after_ms)
     assert f'limit {reach:.3f}' in symptom.detail
 
 
-def test_no_orientation_continues_one_where_two_solutions_may_meet():
+@pytest.mark.parametrize(('fold_share', 'leads'), [(0.99, True), (1.01, False)])
+def test_no_orientation_continues_one_where_two_solutions_may_meet(fold_share, leads):
     """That is where six standard deviations and the bias of a sensor take it."""
-    largest = 0.5 * SIGMA / (2.0 * (6.0 * SIGMA + BIAS)) ** 0.5
-    for deviation, leads in ((0.99 * largest, True), (1.01 * largest, False)):
-        anchor, now = after(*swept(20.0, 26.0))
-        anchor.follow(now + MS, turned(27.0), deviation)
-        assert (anchor.prior(now + 2 * MS) is not None) == leads
+    anchor, now = after(*swept(20.0, 26.0))
+    anchor.follow(now + MS, turned(27.0), fold_share)
+    assert (anchor.prior(now + 2 * MS) is not None) == leads
 
 
 def test_each_of_two_signs_is_taken_that_is_nearer_to_the_last_quaternion():
@@ -94,9 +93,9 @@ def test_each_of_two_signs_is_taken_that_is_nearer_to_the_last_quaternion():
     for _ in range(40):
         pair = rng.normal(size=(2, 4))
         last, found = pair / np.linalg.norm(pair, axis=1, keepdims=True)
-        anchor = Anchor(SPEED, SIGMA, BIAS)
-        assert anchor.follow(0, tuple(last), DEVIATION).quaternion == tuple(last)
-        place = anchor.follow(MS, tuple(found), DEVIATION)
+        anchor = Anchor(SPEED)
+        assert anchor.follow(0, tuple(last), FOLD_SHARE).quaternion == tuple(last)
+        place = anchor.follow(MS, tuple(found), FOLD_SHARE)
         expected = found if last @ found > 0.0 else -found
         assert place.quaternion == pytest.approx(tuple(expected))
         assert place.stamp == MS
@@ -115,4 +114,4 @@ def test_an_orientation_selects_among_solutions_for_a_tenth_of_a_second():
     anchor, now = after(30.0)
     assert anchor.prior(now + 100 * MS) is anchor.place
     assert anchor.prior(now + 100 * MS + 1) is None
-    assert Anchor(SPEED, SIGMA, BIAS).prior(now) is None
+    assert Anchor(SPEED).prior(now) is None

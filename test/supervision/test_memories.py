@@ -272,7 +272,14 @@ def test_the_level_has_the_largest_bias_that_the_mean_test_allows():
         bias = 3.0 if sample < 15 else 1.0
         # As large as the test lets pass.
         assert window.test(sample * 1_000_000, (3.5,), 1.0, bias) is None
-    worth = Integrity(0.0, 0.0, 1.0, 1.0, (1.0,))
+    worth = Integrity(
+        healthy=0.0,
+        deviation=0.0,
+        noise=1.0,
+        bias=1.0,
+        fold_share=0.0,
+        slopes=(1.0,),
+    )
     assert window.mean_bias == pytest.approx(2.5)
     (level,) = worth.parts(6.9 / np.sqrt(20.0), window.mean_bias)
     # A fault of this much parity passes the test while the others' biases oppose it.

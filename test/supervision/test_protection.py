@@ -81,7 +81,13 @@ def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pos
     assert worth.deviation == pytest.approx(np.linalg.norm(gain * wider), rel=1e-6)
     variance = 1.0 + (wider**2 - 1.0) @ share**2
     assert worth.noise == pytest.approx(sqrt(variance), rel=1e-5)
-    healthy = MISSED_DETECTION * worth.deviation + turns @ moved
+    # Noise of six deviations and bias of a reading, over the error 1 / (4 x 2 K^2) with which two
+    # solutions meet.
+    errors = sigma[there] * (6.0 * wider + moved)
+    gains = turns / sigma[there]
+    assert worth.fold_share == pytest.approx(8.0 * gains**2 @ errors, rel=1e-5)
+    second_order = 2.0 / (1.0 + sqrt(1.0 - worth.fold_share))
+    healthy = MISSED_DETECTION * worth.deviation + second_order * turns @ moved
     assert worth.healthy == pytest.approx(healthy, rel=1e-6)
     levels = slopes * (REACH * worth.noise + 2.0 * worth.bias) + worth.healthy
     np.testing.assert_allclose(worth.parts(REACH), levels)
