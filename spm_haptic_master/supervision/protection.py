@@ -153,11 +153,12 @@ def integrity(
         gain = gains[sensor]
         parity_gain = parity_gains[sensor]
         reading_error = TURN_DEVIATIONS * factors[sensor] * sigma[sensor] + offset
-        fold_share += 4.0 * FOLD * gain * gain * reading_error
+        fold_share += gain * gain * reading_error
         turned += gain * offset
         moved += parity_gain * offset
         whitened += weights[sensor] * offset * offset
         slopes.append(gain / parity_gain if parity_gain else inf)
+    fold_share *= 4.0 * FOLD
     # No projection is longer than what it is of, nor than the sum of its parts.
     moved = min(moved, sqrt(whitened), parity_bias * hypot(*parity_gains))
     deviation, noise = _deviations(estimate, factors)
