@@ -13,7 +13,8 @@ may take over; `Exposure` counts how long ago each sensor was last checked, and 
 the words of `state`.
 
 The protection level is made in three modules: `parity` tests the sensors against each other,
-`protection` bounds what an undetected fault does to the first order, `folds` to the second.
+`protection` bounds what noise, bias and an undetected fault do, the fault to the first order;
+`folds` the fault to the second.
 Without samples, `checkability` says where in the workspace each sensor can be checked, and
 `recording` runs recorded ones.
 
